@@ -1,0 +1,1 @@
+"""solenav on the host: captures, engines, verification, simulation, evaluation, plots."""

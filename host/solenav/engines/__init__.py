@@ -1,0 +1,108 @@
+"""Engines: ways to run the core's one source on the host, equal to the last bit.
+
+`pure` is plain Python, `checked` raises where a 32-bit word would overflow, `fast` is compiled
+by numba.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from array import array
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solenav.errors import SolenavError
+from solenav_core import navigator
+from solenav_core.tables.lookup import TABLES
+
+NAMES = ("pure", "checked", "fast")
+
+
+class Engine:
+    """A navigator on the host: a state and the kernels that move it.
+
+    `state`, `params` are the core's `array('i')`; after each call they hold what the firmware's
+    would hold after the same samples.
+    """
+
+    def __init__(self, name: str, params: array[int]) -> None:
+        self.name = name
+        self.params = params
+        self.state = navigator.new_state(params)
+        self._arrays: tuple[Any, ...] = (
+            self.state,
+            params,
+            navigator.new_work(),
+            array("i", TABLES),
+            navigator.new_sample(),
+        )
+        self._advance = self._looped(navigator.tick)
+        if name == "checked":
+            from solenav.engines import checked
+
+            self._advance = self._looped(checked.load()["tick"])
+        elif name == "fast":
+            from solenav.engines import fast
+
+            self._advance = fast.load()["advance"]
+            # Views of the same memory: the state stays an array for snapshots and digests.
+            self._arrays = tuple(np.frombuffer(a, np.int32) for a in self._arrays)
+
+    @staticmethod
+    def _looped(tick: Callable[..., int]) -> Callable[..., tuple[int, int]]:
+        def advance(
+            s: Any, p: Any, w: Any, t: Any, m: Any, counts: Any, start: int, stop: int, mask: int
+        ) -> tuple[int, int]:
+            events = 0
+            for row in range(start, stop):
+                for i, value in enumerate(counts[row].tolist()):
+                    m[i] = value
+                events = tick(s, p, w, t, m)
+                if events & mask:
+                    return row + 1, events
+            return stop, events
+
+        return advance
+
+    def advance(
+        self,
+        counts: NDArray[np.int16],
+        start: int = 0,
+        stop: int | None = None,
+        mask: int = 0,
+    ) -> tuple[int, int]:
+        """Run samples `start` to `stop` of `counts` (n, 6), or until an event in `mask`.
+
+        Returns the first row not run and the events of the last tick. RangeError (checked
+        engine): a word would have overflowed.
+        """
+        end = len(counts) if stop is None else stop
+        return self._advance(*self._arrays, counts, start, end, mask)
+
+    def digest(self) -> int:
+        return navigator.digest(self.state)
+
+    def snapshot(self) -> bytes:
+        return self.state.tobytes()
+
+    def restore(self, snapshot: bytes) -> None:
+        """Continue from a snapshot. ValueError where its size is not the state's."""
+        if len(snapshot) != 4 * len(self.state):
+            raise ValueError(f"snapshot of {len(snapshot)} bytes, state of {4 * len(self.state)}")
+        for i, word in enumerate(array("i", snapshot)):
+            self.state[i] = word
+
+
+def create(name: str, params: array[int]) -> Engine:
+    """An engine by name. SolenavError for an unknown name, or `fast` without numba."""
+    if name not in NAMES:
+        raise SolenavError(f"there is no engine {name!r}", f"choose one of {', '.join(NAMES)}")
+    return Engine(name, params)
+
+
+def default_name() -> str:
+    """`fast` where numba is installed, else `pure`."""
+    return "fast" if importlib.util.find_spec("numba") else "pure"

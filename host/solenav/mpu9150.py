@@ -1,0 +1,61 @@
+"""MPU-9150 counts at ±16 g and ±2000 °/s, to and from SI units.
+
+Scales are those of the MPU-9150 product specification, temperature that of its register map
+(4.19; the offset differs from the MPU-6050's 36.53).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solenav.recording import FloatArray
+
+STANDARD_GRAVITY = 9.80665  # m/s²
+
+ACCEL_LSB_PER_G = 2048.0
+GYRO_LSB_PER_DPS = 16.4
+ACCEL_MPS2_PER_LSB = STANDARD_GRAVITY / ACCEL_LSB_PER_G
+GYRO_RADPS_PER_LSB = float(np.deg2rad(1.0 / GYRO_LSB_PER_DPS))
+
+TEMPERATURE_LSB_PER_DEGC = 340.0
+TEMPERATURE_OFFSET_DEGC = 35.0
+
+COUNT_MIN, COUNT_MAX = -32768, 32767
+
+
+@dataclass
+class Counts:
+    """What the sensor's registers would hold.
+
+    `counts` (n, 6) in the order ax ay az gx gy gz; `clipped` (n,) is True where any axis went
+    past full scale; `clipped_accel` and `clipped_gyro` say in how many samples that was so.
+    """
+
+    counts: NDArray[np.int16]
+    clipped: NDArray[np.bool_]
+    clipped_accel: int
+    clipped_gyro: int
+
+
+def to_counts(accel: FloatArray, gyro: FloatArray) -> Counts:
+    """Round to the nearest count and clip at full scale, as the sensor does.
+
+    `accel` (n, 3) in m/s², `gyro` (n, 3) in rad/s, both finite; axes are kept.
+    """
+    exact = np.rint(np.hstack([accel / ACCEL_MPS2_PER_LSB, gyro / GYRO_RADPS_PER_LSB]))
+    outside: NDArray[np.bool_] = (exact < COUNT_MIN) | (exact > COUNT_MAX)
+    return Counts(
+        counts=np.clip(exact, COUNT_MIN, COUNT_MAX).astype(np.int16),
+        clipped=np.asarray(outside.any(axis=1)),
+        clipped_accel=int(outside[:, :3].any(axis=1).sum()),
+        clipped_gyro=int(outside[:, 3:].any(axis=1).sum()),
+    )
+
+
+def from_counts(counts: NDArray[np.int16]) -> tuple[FloatArray, FloatArray]:
+    """Specific force (n, 3) in m/s² and rate (n, 3) in rad/s of `counts` (n, 6)."""
+    values = counts.astype(np.float64)
+    return values[:, :3] * ACCEL_MPS2_PER_LSB, values[:, 3:] * GYRO_RADPS_PER_LSB

@@ -1,0 +1,189 @@
+"""Parameters in SI units, and their conversion to the integers that the core runs on.
+
+`Settings` is what a person sets; `to_integers` makes the core's parameter array for a sample
+rate. Defaults: Guo, Xu, Ji 2020, table 1, as read by the project's algorithm page, at 200 Hz;
+what counts samples or accumulates per sample scales with the rate.
+"""
+
+from __future__ import annotations
+
+import math
+from array import array
+from dataclasses import dataclass, fields
+
+from solenav import mpu9150
+from solenav.errors import SolenavError
+from solenav_core import params
+
+REFERENCE_RATE_HZ = 200.0
+GRAVITY = 9.80665
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Every tunable in SI units (times in s, rates in °/s where said)."""
+
+    initial_heading_deg: float = 0.0  # azimuth of the foot's front axis, clockwise from North
+    align_s: float = 1.0
+    align_accel: float = 0.5  # m/s², largest deviation from the first still sample
+    align_rate_dps: float = 3.0
+    bias_max_dps: float = 50.0
+    accel_min: float = 8.3  # m/s², C1
+    accel_max: float = 11.3
+    rate_max_dps: float = 50.0  # C2
+    accel_variance_max: float = 9.0  # (m/s²)², C3
+    window_s: float = 0.05
+    still_rate_dps: float = 3.0
+    still_s: float = 0.5
+    still_time_constant_s: float = 5.0
+    velocity_noise_horizontal: float = 0.1  # (m/s)²/s
+    velocity_noise_up: float = 0.01
+    tilt_noise: float = 3e-5  # rad²/s
+    freeze_s: float = 10.0
+    initial_velocity_variance: float = 1e-4
+    initial_tilt_variance: float = 1.2e-3
+    observation_noise: float = 0.01  # (m/s)², R at 200 Hz
+    m2_max: float = 2.0
+    log_floor: float = -16.0  # natural logarithm of the least weight
+    threshold_min: float = 0.1  # M_a
+    threshold_max: float = 0.5  # M_b
+    threshold_growth: float = 0.4  # K_e at 200 Hz
+    heavy_weight: float = 0.5  # K
+    heavy_min: int = 50
+    lockout_s: float = 1.5
+    lockout_min: int = 5
+    lockout_velocity_variance: float = 0.01
+    step_swing_s: float = 0.15
+    step_stance_s: float = 0.04
+    seed: int = 1
+
+
+def _limits() -> dict[str, tuple[int, int]]:
+    """Least and largest value of each integer that keeps every word of the core in range."""
+    word = 2**30 - 1
+    limits = {name: (0, word) for name in params.NAMES}
+    limits |= {
+        "ACC_SCALE": (1, 32767),
+        "HALF_ANGLE": (1, 2**26),
+        "DT": (1, 2**25),
+        "YAW_W": (-word, word),
+        "YAW_Z": (-word, word),
+        "ALIGN_TICKS": (2, 32767),
+        "BIAS_MAX": (1, 2000),
+        "RATE_MAX": (1, 26000),
+        "STILL_RATE": (1, 26000),
+        "STILL_GAIN": (0, 65535),
+        "WINDOW": (1, 31),
+        "R": (1, word),
+        "LIKELIHOOD": (2, 2**20),
+        "LOG_FLOOR": (-(2**24), 0),
+        "M_A": (0, 16384),
+        "M_B": (1, 16384),
+        "K_E": (0, 2**20),
+        "K": (0, 16384),
+        "HEAVY_MIN": (0, 100),
+        "STEP_STANCE": (1, word),
+        "SEED": (1, word),
+    }
+    return limits
+
+
+LIMITS = _limits()
+
+
+def to_integers(settings: Settings, rate_hz: float) -> array[int]:
+    """The core's parameter array for samples every 1/rate_hz seconds.
+
+    Raises SolenavError for a rate outside 50 to 600 Hz or a setting that the core can't hold.
+    """
+    if not 50.0 <= rate_hz <= 600.0:
+        raise SolenavError(
+            f"a sample rate of {rate_hz:g} Hz is outside what the core can hold (50 to 600 Hz)",
+            "resample the recording, or record at 100 to 400 Hz",
+        )
+    s = settings
+    dt = 1.0 / rate_hz
+    relative = rate_hz / REFERENCE_RATE_HZ
+    counts_per_accel = mpu9150.ACCEL_LSB_PER_G / GRAVITY
+    counts_per_dps = mpu9150.GYRO_LSB_PER_DPS
+    half_yaw = -math.radians(s.initial_heading_deg) / 2
+    window = max(1, round(s.window_s * rate_hz))
+    noise = s.observation_noise * relative
+
+    def ticks(seconds: float) -> int:
+        return max(1, round(seconds * rate_hz))
+
+    def q(value: float, bits: int) -> int:
+        return round(value * 2**bits)
+
+    one = 2**30 - 1
+    values = {
+        "RATE_MHZ": round(rate_hz * 1000),
+        "ACC_SCALE": q(1 / counts_per_accel, 22),
+        "HALF_ANGLE": q(math.radians(1 / counts_per_dps) * dt / 2, 42),
+        "DT": q(dt, 30),
+        "YAW_W": min(one, q(math.cos(half_yaw), 30)),
+        "YAW_Z": max(-one, min(one, q(math.sin(half_yaw), 30))),
+        "ALIGN_TICKS": ticks(s.align_s),
+        "ALIGN_ACC": round(s.align_accel * counts_per_accel),
+        "ALIGN_RATE": round(s.align_rate_dps * counts_per_dps),
+        "BIAS_MAX": round(s.bias_max_dps * counts_per_dps),
+        "ACC_MIN": q(s.accel_min, 7),
+        "ACC_MAX": q(s.accel_max, 7),
+        "RATE_MAX": q(s.rate_max_dps * counts_per_dps, 2),
+        "VAR_MAX": q(s.accel_variance_max * window, 14),
+        "WINDOW": window,
+        "STILL_RATE": q(s.still_rate_dps * counts_per_dps, 2),
+        "STILL_TICKS": ticks(s.still_s),
+        "STILL_GAIN": q(dt / s.still_time_constant_s, 22),
+        "GAMMA": q(GRAVITY * dt, 30),
+        "GAMMA2": q((GRAVITY * dt) ** 2, 30),
+        "Q_VV_H": q(s.velocity_noise_horizontal * dt, 26),
+        "Q_VV_U": q(s.velocity_noise_up * dt, 26),
+        "Q_TT": q(s.tilt_noise * dt, 30),
+        "FREEZE_TICKS": ticks(s.freeze_s),
+        "P_VV_0": q(s.initial_velocity_variance, 26),
+        "P_TT_0": q(s.initial_tilt_variance, 30),
+        "R": q(noise, 24),
+        "LIKELIHOOD": q(1 / math.sqrt(2 * math.log(2) * noise), 11),
+        "M2_MAX": q(s.m2_max, 10),
+        "LOG_FLOOR": q(s.log_floor / math.log(2), 16),
+        "M_A": q(s.threshold_min, 14),
+        "M_B": q(s.threshold_max, 14),
+        "K_E": q(s.threshold_growth / relative, 14),
+        "K": q(s.heavy_weight, 14),
+        "HEAVY_MIN": s.heavy_min,
+        "LOCKOUT_TICKS": ticks(s.lockout_s),
+        "LOCKOUT_MIN": s.lockout_min,
+        "P_VV_H1": q(s.lockout_velocity_variance, 26),
+        "STEP_SWING": ticks(s.step_swing_s),
+        "STEP_STANCE": ticks(s.step_stance_s),
+        "SEED": s.seed,
+    }
+    return checked([values[name] for name in params.NAMES])
+
+
+def checked(values: list[int]) -> array[int]:
+    """The parameter array, if every value is in range; else SolenavError naming the first bad."""
+    if len(values) != len(params.NAMES):
+        raise SolenavError(
+            f"{len(values)} parameters where the core has {len(params.NAMES)}",
+            "firmware and host differ: install the same version on both",
+        )
+    for name, value in zip(params.NAMES, values, strict=True):
+        low, high = LIMITS[name]
+        if not low <= value <= high:
+            raise SolenavError(
+                f"parameter {name} = {value} is outside {low} to {high}",
+                "choose a setting that the core's word can hold",
+            )
+    return array("i", values)
+
+
+def named(values: array[int]) -> dict[str, int]:
+    """Parameter names to values."""
+    return dict(zip(params.NAMES, values, strict=True))
+
+
+def setting_names() -> list[str]:
+    return [f.name for f in fields(Settings)]

@@ -1,0 +1,1 @@
+"""Simulation of a walking foot and of the inertial sensor on it, with exact truth."""

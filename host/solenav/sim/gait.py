@@ -1,0 +1,335 @@
+"""An analytic foot trajectory: position, velocity and attitude in closed form at any time.
+
+A walk is a row of footprints and the strides between them. In stance the foot is exactly still
+and flat; a stride adds to the way between two footprints polynomial bumps for lift, sway, pitch
+and roll, and a heel-strike transient, all with three vanishing derivatives at both ends. So
+acceleration and jerk are continuous, and the foot comes to rest where the footprint says.
+
+Frames: navigation East-North-Up, body right-front-up (x right, y front of the foot, z up).
+`yaw` is counter-clockwise about Up and 0 where the foot points North; `heading` (azimuth) is
+clockwise from North, hence its negative. Positive pitch is toe-up. Metres, seconds, radians.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solenav.errors import SolenavError
+from solenav.recording import FloatArray
+
+MAX_DURATION_S = 3600.0
+MIN_DURATION_S = 2.0
+
+STRIKE_S = 0.050
+"""Support of the heel-strike transient; its main lobe takes 38 % of it, side lobes the rest."""
+STRIKE_START = 0.83
+"""Heel contact as a share of the stride's motion; afterwards the foot rolls down flat."""
+
+TABLE_END_ENU = (-34.46, -6.08)
+"""True end of the paper's walk in metres, as printed (35 m at 190 degrees, to a centimetre)."""
+TABLE_DURATION_S = 130.0
+
+
+@dataclass(frozen=True)
+class Style:
+    """How somebody walks; amplitudes are those of a full stride.
+
+    `cycle_s` is the time from lift-off to lift-off and `motion_share` the part of it in which
+    the foot is not flat and still; `strike` is the peak upward acceleration of the heel strike
+    in m/s²; angles in radians.
+    """
+
+    stride_m: float
+    cycle_s: float
+    motion_share: float
+    lift_m: float
+    toe_down: float
+    toe_up: float
+    strike: float
+    roll: float = math.radians(12)
+    toe_out: float = math.radians(8)
+    sway_m: float = 0.03
+    variation: float = 0.04
+
+
+BRISK = Style(1.2, 1.05, 0.61, 0.14, math.radians(58), math.radians(24), 40.0)
+SLOW = Style(0.8, 1.8, 0.44, 0.12, math.radians(50), math.radians(20), 28.0)
+
+
+@dataclass(frozen=True)
+class Gait:
+    """K strides between K + 1 footprints; every array but the footprints is (K,).
+
+    `foot` (K + 1, 3) positions ENU in m, `yaw` (K + 1,) in rad, unwrapped; `lift_off` and
+    `landing` in s bound the motion of each stride; the others are amplitudes as in `Style`.
+    """
+
+    duration_s: float
+    foot: FloatArray
+    yaw: FloatArray
+    lift_off: FloatArray
+    landing: FloatArray
+    lift_m: FloatArray
+    toe_down: FloatArray
+    toe_up: FloatArray
+    strike: FloatArray
+    roll: FloatArray
+    toe_out: FloatArray
+    sway_m: FloatArray
+
+    @property
+    def initial_heading_rad(self) -> float:
+        """Azimuth of the foot's front at the start, clockwise from North, in [0, 2 pi)."""
+        return float(-self.yaw[0] % (2 * math.pi))
+
+    @property
+    def closed_loop(self) -> bool:
+        return bool(np.allclose(self.foot[0], self.foot[-1], rtol=0, atol=1e-9))
+
+
+@dataclass(frozen=True)
+class Motion:
+    """State of the foot at m times.
+
+    `position_enu` (m, 3) in m, `velocity_enu` (m, 3) in m/s, `attitude` (m, 4) quaternion body
+    to navigation, scalar first, `stance` (m,) True where the foot is flat and still.
+    """
+
+    position_enu: FloatArray
+    velocity_enu: FloatArray
+    attitude: FloatArray
+    stance: NDArray[np.bool_]
+
+
+def motion(gait: Gait, time_s: FloatArray) -> Motion:
+    """State of the foot at `time_s` (m,), in seconds from the start of the trajectory."""
+    if not len(gait.lift_off):
+        still = np.zeros((len(time_s), 3))
+        return Motion(
+            position_enu=still + gait.foot[0],
+            velocity_enu=still,
+            attitude=attitude(still[:, 0] + gait.yaw[0], still[:, 0], still[:, 0]),
+            stance=np.ones(len(time_s), dtype=bool),
+        )
+    k = np.maximum(np.searchsorted(gait.lift_off, time_s, side="right") - 1, 0)
+    span = (gait.landing - gait.lift_off)[k]
+    u = np.clip((time_s - gait.lift_off[k]) / span, 0.0, 1.0)
+    w = np.clip((time_s - gait.lift_off[k] - STRIKE_START * span) / STRIKE_S, 0.0, 1.0)
+
+    way, way_du = progress(u)
+    lift, lift_du = bump(u, 4, 6)
+    toe, toe_du = bump(u, 13, 4)
+    side, side_du = bump(u, 4, 4)
+    hit, hit_dw = bump(w, 4, 4)
+
+    chord = np.diff(gait.foot, axis=0)
+    length = np.linalg.norm(chord, axis=1, keepdims=True)
+    front = chord / np.where(length > 0, length, 1.0)
+    right = np.stack([front[:, 1], -front[:, 0], 0 * front[:, 0]], axis=1)
+    up = np.array([0.0, 0.0, 1.0])
+    # The heel pad gives way downward and forward and comes back: no net velocity or distance.
+    # 32 is the curvature of bump(w, 4, 4) at its peak.
+    pad = (gait.strike * STRIKE_S**2 / 32)[:, None] * (0.4 * front - up)
+    sway = gait.sway_m[:, None] * right
+    rise = gait.lift_m[:, None] * up
+    # The instep goes up a second time where the toes are up and the heel comes down.
+    heel = 0.2 * rise
+
+    position = (
+        gait.foot[k]
+        + chord[k] * way[:, None]
+        + rise[k] * lift[:, None]
+        + heel[k] * toe[:, None]
+        + sway[k] * side[:, None]
+        + pad[k] * hit[:, None]
+    )
+    velocity = (
+        chord[k] * way_du[:, None]
+        + rise[k] * lift_du[:, None]
+        + heel[k] * toe_du[:, None]
+        + sway[k] * side_du[:, None]
+    ) / span[:, None] + pad[k] * hit_dw[:, None] / STRIKE_S
+
+    yaw = gait.yaw[k] + np.diff(gait.yaw)[k] * way - gait.toe_out[k] * side
+    pitch = gait.toe_up[k] * toe - gait.toe_down[k] * bump(u, 4, 8)[0]
+    return Motion(
+        position_enu=position,
+        velocity_enu=velocity,
+        attitude=attitude(yaw, pitch, gait.roll[k] * side),
+        stance=(u <= 0.0) | (u >= 1.0),
+    )
+
+
+def progress(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """From 0 to 1 with three vanishing derivatives at both ends, and the derivative by u."""
+    return (((-20 * u + 70) * u - 84) * u + 35) * u**4, 140 * (u * (1 - u)) ** 3
+
+
+def bump(u: FloatArray, m: int, n: int) -> tuple[FloatArray, FloatArray]:
+    """u^m (1 - u)^n scaled to a peak of 1, at u = m / (m + n), and its derivative by u."""
+    scale = (m + n) ** (m + n) / (m**m * n**n)
+    inner = scale * u ** (m - 1) * (1 - u) ** (n - 1)
+    return inner * u * (1 - u), inner * (m * (1 - u) - n * u)
+
+
+def attitude(yaw: FloatArray, pitch: FloatArray, roll: FloatArray) -> FloatArray:
+    """Quaternions (m, 4) body to navigation: yaw about z, then pitch about x, then roll about y."""
+    return multiply(multiply(_about(2, yaw), _about(0, pitch)), _about(1, roll))
+
+
+def multiply(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Quaternion products a ⊗ b, both (m, 4), scalar first."""
+    aw, ax, ay, az = a.T
+    bw, bx, by, bz = b.T
+    return np.stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ],
+        axis=1,
+    )
+
+
+def _about(axis: int, angle: FloatArray) -> FloatArray:
+    q = np.zeros((len(angle), 4))
+    q[:, 0] = np.cos(angle / 2)
+    q[:, 1 + axis] = np.sin(angle / 2)
+    return q
+
+
+@dataclass(frozen=True)
+class Path:
+    """A line on the floor from the origin: straight pieces and arcs with a common tangent.
+
+    `yaw` in rad is the direction at the start, `pieces` are (length in m, curvature in 1/m),
+    positive curvature to the left.
+    """
+
+    yaw: float
+    pieces: tuple[tuple[float, float], ...]
+
+    @property
+    def length(self) -> float:
+        return sum(length for length, _ in self.pieces)
+
+    def at(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Position (m, 2) East, North in m and yaw (m,) in rad, at the way `s` (m,) in m."""
+        position = np.zeros((len(s), 2))
+        yaw = np.full(len(s), self.yaw)
+        start = 0.0
+        for length, curvature in self.pieces:
+            along = np.clip(s - start, 0.0, length)
+            half_turn = curvature * along / 2
+            chord = along * np.sinc(half_turn / np.pi)
+            position += chord[:, None] * forward(yaw + half_turn)
+            yaw += 2 * half_turn
+            start += length
+        return position, yaw
+
+
+def forward(yaw: FloatArray) -> FloatArray:
+    """Horizontal unit vectors (m, 2) East, North of a foot's front."""
+    return np.stack([-np.sin(yaw), np.cos(yaw)], axis=1)
+
+
+def rounded_rectangle(length: float, width: float, radius: float, yaw: float) -> Path:
+    """Once around to the left, from the middle of a long side; sides are outer measures in m."""
+    long, short = length - 2 * radius, width - 2 * radius
+    corner = (math.pi / 2 * radius, 1 / radius)
+    half_round = (corner, (short, 0.0), corner)
+    return Path(yaw, ((long / 2, 0.0), *half_round, (long, 0.0), *half_round, (long / 2, 0.0)))
+
+
+def walk(
+    path: Path, style: Style, rng: np.random.Generator, before_s: float, duration_s: float
+) -> Gait:
+    """A walk along `path`, still for `before_s` before it and after it until `duration_s`.
+
+    The first and the last stride are half ones, as in a walk that begins and ends with the feet
+    together. Variations are scaled so that the sums, hence end point and duration, are exact.
+    """
+    count = round(path.length / style.stride_m) + 1
+    check_duration(duration_s, before_s + count * style.cycle_s + MIN_DURATION_S)
+
+    def vary() -> FloatArray:
+        return 1 + style.variation * np.clip(rng.standard_normal(count), -2, 2)
+
+    share = np.ones(count)
+    share[[0, -1]] = 0.5
+    strides = share * vary()
+    strides *= path.length / strides.sum()
+    cycles = vary()
+    cycles *= count * style.cycle_s / cycles.sum()
+    lift_off = before_s + np.concatenate([[0.0], np.cumsum(cycles)[:-1]])
+
+    floor, yaw = path.at(np.concatenate([[0.0], np.cumsum(strides)]))
+    between = np.ones(count + 1)
+    between[[0, -1]] = 0.0
+    floor += (between * rng.normal(0, 0.01, count + 1).clip(-0.02, 0.02))[:, None] * forward(
+        yaw - math.pi / 2
+    )
+    yaw += between * rng.normal(0, math.radians(1.5), count + 1)
+
+    size = (1 + share) / 2
+    return Gait(
+        duration_s=duration_s,
+        foot=np.column_stack([floor, np.zeros(count + 1)]),
+        yaw=yaw,
+        lift_off=lift_off,
+        landing=lift_off + cycles * style.motion_share * vary(),
+        lift_m=style.lift_m * size * vary(),
+        toe_down=style.toe_down * size * vary(),
+        toe_up=style.toe_up * size * vary(),
+        # The impact scatters far more than the shape of a stride.
+        strike=style.strike * size * vary() ** 4,
+        roll=style.roll * size * vary(),
+        toe_out=style.toe_out * size * vary(),
+        sway_m=style.sway_m * size * vary(),
+    )
+
+
+def line35(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
+    """The paper's experiment: 35 m straight at 190 degrees counter-clockwise from East, 130 s.
+
+    The paper doesn't say how long the foot stood before and after; 30 s and 19 s leave 81 s of
+    slow walking. A longer duration makes the standing at the end longer.
+    """
+    east, north = TABLE_END_ENU
+    path = Path(math.atan2(-east, north), ((math.hypot(east, north), 0.0),))
+    return walk(path, SLOW, rng, 30.0, TABLE_DURATION_S if duration_s is None else duration_s)
+
+
+def loop(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
+    """Once around a rectangle of 24 m by 12 m with rounded corners (68.6 m), back to the start."""
+    path = rounded_rectangle(24.0, 12.0, 2.0, yaw=math.radians(-40))
+    return walk(path, BRISK, rng, 15.0, 85.0 if duration_s is None else duration_s)
+
+
+def stand(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
+    """The foot stands still, pointing North."""
+    duration = 60.0 if duration_s is None else duration_s
+    check_duration(duration, MIN_DURATION_S)
+    none = np.empty(0)
+    return Gait(duration, np.zeros((1, 3)), np.zeros(1), *[none] * 9)
+
+
+def check_duration(duration_s: float, shortest_s: float) -> None:
+    if not shortest_s <= duration_s <= MAX_DURATION_S:
+        raise SolenavError(
+            f"the duration {duration_s:g} s is out of range for this scenario",
+            f"choose from {shortest_s:.1f} to {MAX_DURATION_S:.0f} s, or leave it out",
+        )
+
+
+SCENARIOS: dict[str, Callable[[np.random.Generator, float | None], Gait]] = {
+    "line35": line35,
+    "loop": loop,
+    "stand": stand,
+}

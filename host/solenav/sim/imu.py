@@ -1,0 +1,117 @@
+"""What an IMU on the foot measures: the ideal samples, and a model of the sensor's errors.
+
+Axes are the body's (right-front-up). Quantisation and clipping are the conversion's business
+(`solenav.mpu9150.to_counts`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from solenav.recording import FloatArray
+from solenav.sim.gait import Motion, multiply
+
+GRAVITY = 9.80665
+"""m/s², downward."""
+
+
+@dataclass(frozen=True)
+class SensorErrors:
+    """Errors of accelerometer and gyro; every axis draws its own, independently.
+
+    `*_bias` (m/s², rad/s) and `*_scale` (relative) are standard deviations of a constant over
+    the recording. `*_noise` (m/s²/√Hz, rad/s/√Hz) are one-sided noise densities as in data
+    sheets. `*_walk` (m/s²/√s, rad/s/√s) let the bias wander, which stands for its instability.
+    """
+
+    accel_bias: float = 0.0
+    gyro_bias: float = 0.0
+    accel_noise: float = 0.0
+    gyro_noise: float = 0.0
+    accel_walk: float = 0.0
+    gyro_walk: float = 0.0
+    accel_scale: float = 0.0
+    gyro_scale: float = 0.0
+
+
+IDEAL = SensorErrors()
+
+TABLE1 = SensorErrors(
+    accel_bias=0.008,
+    gyro_bias=math.radians(0.05),
+    accel_noise=400e-6 * GRAVITY,
+    gyro_noise=math.radians(0.005),
+)
+"""Drifts of the paper's Table 1, noise densities of the MPU-9150's data sheet."""
+
+
+def ideal_samples(states: Motion, rate_hz: float) -> tuple[FloatArray, FloatArray]:
+    """Mean specific force (n, 3) m/s² and angular rate (n, 3) rad/s between n + 1 states.
+
+    Integrating is exact, not sampling: the rate turns one attitude into the next, and the
+    specific force, in the axes of the attitude half-way, makes one velocity into the next. So
+    what a strapdown loses on these samples is its own error.
+    """
+    before, after = states.attitude[:-1], states.attitude[1:]
+    turn = rotation_vector(multiply(before * [1, -1, -1, -1], after))
+    halfway = multiply(before, from_rotation_vector(turn / 2))
+    force = np.diff(states.velocity_enu, axis=0) * rate_hz + [0.0, 0.0, GRAVITY]
+    return rotate(halfway * [1, -1, -1, -1], force), turn * rate_hz
+
+
+def with_errors(
+    accel: FloatArray,
+    gyro: FloatArray,
+    rate_hz: float,
+    errors: SensorErrors,
+    rng: np.random.Generator,
+) -> tuple[FloatArray, FloatArray]:
+    """Ideal specific force and angular rate (n, 3) as a sensor with `errors` gives them."""
+    e = errors
+    return (
+        _measured(accel, rate_hz, e.accel_bias, e.accel_scale, e.accel_noise, e.accel_walk, rng),
+        _measured(gyro, rate_hz, e.gyro_bias, e.gyro_scale, e.gyro_noise, e.gyro_walk, rng),
+    )
+
+
+def _measured(
+    true: FloatArray,
+    rate_hz: float,
+    bias: float,
+    scale: float,
+    noise: float,
+    walk: float,
+    rng: np.random.Generator,
+) -> FloatArray:
+    # Every number is drawn even where it counts for nothing, so that switching one error off
+    # leaves the others as they were.
+    offset = bias * rng.standard_normal(3)
+    factor = 1 + scale * rng.standard_normal(3)
+    # A one-sided density fills the band up to half the sample rate.
+    white = noise * math.sqrt(rate_hz / 2) * rng.standard_normal(true.shape)
+    wander = walk / math.sqrt(rate_hz) * np.cumsum(rng.standard_normal(true.shape), axis=0)
+    return factor * true + offset + white + wander
+
+
+def rotation_vector(q: FloatArray) -> FloatArray:
+    """Rotation vectors (m, 3) in rad, of at most half a turn, of unit quaternions (m, 4)."""
+    q = np.where(q[:, :1] < 0, -q, q)
+    sine = np.linalg.norm(q[:, 1:], axis=1)
+    half = np.arctan2(sine, q[:, 0])
+    safe = np.where(sine > 0, sine, 1.0)
+    return (2 * np.where(sine > 0, half / safe, 1.0))[:, None] * q[:, 1:]
+
+
+def from_rotation_vector(turn: FloatArray) -> FloatArray:
+    """Unit quaternions (m, 4) of rotation vectors (m, 3) in rad."""
+    half = np.linalg.norm(turn, axis=1, keepdims=True) / 2
+    return np.hstack([np.cos(half), turn / 2 * np.sinc(half / np.pi)])
+
+
+def rotate(q: FloatArray, v: FloatArray) -> FloatArray:
+    """Vectors `v` (m, 3) turned by unit quaternions `q` (m, 4)."""
+    twice = 2 * np.cross(q[:, 1:], v)
+    return v + q[:, :1] * twice + np.cross(q[:, 1:], twice)

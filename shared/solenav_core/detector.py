@@ -1,0 +1,101 @@
+"""Zero-velocity detector: C1 force magnitude, C2 angular rate, C3 variance of the magnitude.
+
+Guo, Xu, Ji 2020: C_zero = C1 & C2 & C3. The rate is the one less its bias, so that a large
+zero-rate offset doesn't hide a stance.
+"""
+
+from solenav_core.compat import const, micropython, ptr32
+from solenav_core.qmath import isqrt
+
+_NORM_MAX = const(8191)  # 64 m/s² in Q7: 31 squared deviations still fit one word
+
+_S_STANCE = const(19)
+_S_ACC_NORM = const(20)
+_S_STILL_TICKS = const(21)
+_S_RING_HEAD = const(22)
+_S_RING_FILL = const(23)
+_S_RING = const(24)
+_P_ACC_SCALE = const(1)
+_P_ACC_MIN = const(10)
+_P_ACC_MAX = const(11)
+_P_RATE_MAX = const(12)
+_P_VAR_MAX = const(13)
+_P_WINDOW = const(14)
+_P_STILL_RATE = const(15)
+_W_RATE = const(3)
+_I_ACC = const(0)
+
+
+@micropython.viper
+def push(s: ptr32, p: ptr32, m: ptr32) -> int:
+    """|a| of the sample (Q7 m/s²) into the window."""
+    scale = p[_P_ACC_SCALE]
+    x = (m[_I_ACC] * scale + 16384) >> 15
+    y = (m[_I_ACC + 1] * scale + 16384) >> 15
+    z = (m[_I_ACC + 2] * scale + 16384) >> 15
+    norm = int(isqrt(x * x + y * y + z * z))
+    s[_S_ACC_NORM] = norm
+    if norm > _NORM_MAX:
+        norm = _NORM_MAX
+    head = s[_S_RING_HEAD]
+    s[_S_RING + head] = norm
+    head = head + 1
+    if head >= p[_P_WINDOW]:
+        head = 0
+    s[_S_RING_HEAD] = head
+    if s[_S_RING_FILL] < p[_P_WINDOW]:
+        s[_S_RING_FILL] = s[_S_RING_FILL] + 1
+    return 0
+
+
+@micropython.viper
+def spread(s: ptr32) -> int:
+    """Sum of the squared deviations of |a| from its mean over the window, Q14 (m/s²)²."""
+    n = s[_S_RING_FILL]
+    if n < 1:
+        return 0
+    mean = 0
+    i = 0
+    while i < n:
+        mean = mean + s[_S_RING + i]
+        i = i + 1
+    mean = (mean + (n >> 1)) // n
+    total = 0
+    i = 0
+    while i < n:
+        off = s[_S_RING + i] - mean
+        total = total + off * off
+        i = i + 1
+    return total
+
+
+@micropython.viper
+def slower(w: ptr32, limit: int) -> int:
+    """1 if |rate| (work RATE, Q8 counts) is below `limit` (Q2 counts, up to 26000)."""
+    total = 0
+    i = 0
+    while i < 3:
+        rate = w[_W_RATE + i] >> 6
+        if rate > limit or rate < 0 - limit:
+            return 0
+        total = total + rate * rate
+        i = i + 1
+    return int(total < limit * limit)
+
+
+@micropython.viper
+def detect(s: ptr32, p: ptr32, w: ptr32) -> int:
+    """C1 & C2 & C3 on this sample; counts the ticks of angular stillness as well."""
+    if int(slower(w, p[_P_STILL_RATE])):
+        # Saturates: a foot may rest for days.
+        if s[_S_STILL_TICKS] < 0x3FFFFFFF:
+            s[_S_STILL_TICKS] = s[_S_STILL_TICKS] + 1
+    else:
+        s[_S_STILL_TICKS] = 0
+    norm = s[_S_ACC_NORM]
+    stance = 0
+    if p[_P_ACC_MIN] < norm < p[_P_ACC_MAX]:
+        if int(slower(w, p[_P_RATE_MAX])):
+            if s[_S_RING_FILL] >= p[_P_WINDOW]:
+                stance = int(int(spread(s)) < p[_P_VAR_MAX])
+    return stance

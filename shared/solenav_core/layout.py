@@ -1,0 +1,123 @@
+"""Where every word of the navigator lives: state, work area, sample and tables.
+
+The navigator's whole memory is four `array('i')`. Each has a list of fields here, in order:
+``(name, words, stage, format)``; the offset of a field is the sum of the words before it. The
+stage names the module that owns the field; the format gives unit and Q-format (``Q24 m/s``
+holds metres per second times 2**24).
+
+Kernels can't read these names (viper needs constants of their own module), so each kernel
+module repeats the offsets that it uses as ``_S_NAME = const(...)``; `tools/tables/constants.py`
+writes those lines from here and a test compares them.
+"""
+
+PARTICLES = 100
+WINDOW_MAX = 31  # 31 squared deviations of 13 bits are the most that fit one word
+
+STATE_FIELDS = (
+    ("TICK", 1, "navigator", "samples processed"),
+    ("MODE", 1, "navigator", "0 aligning, 1 navigating"),
+    ("SATURATED", 1, "navigator", "ticks on which the velocity hit its limit"),
+    ("AL_COUNT", 1, "align", "still samples so far"),
+    ("AL_RESTARTS", 1, "align", "times that motion restarted the static start"),
+    ("AL_PEAK_ACC", 1, "align", "counts, largest deviation from the first still sample"),
+    ("AL_PEAK_RATE", 1, "align", "counts"),
+    ("AL_REF", 6, "align", "counts, first still sample: ax ay az gx gy gz"),
+    ("AL_SUM", 6, "align", "counts, sum of the still samples"),
+    ("STANCE", 1, "detector", "0 swing, 1 stance"),
+    ("ACC_NORM", 1, "detector", "Q7 m/s², |a| of this sample"),
+    ("STILL_TICKS", 1, "detector", "consecutive ticks below the still-rate limit"),
+    ("RING_HEAD", 1, "detector", "index of the next entry"),
+    ("RING_FILL", 1, "detector", "entries in use"),
+    ("RING", WINDOW_MAX, "detector", "Q7 m/s², |a| of the last samples, limited to 64 m/s²"),
+    ("ATT", 4, "strapdown", "Q30, body to ENU, scalar first"),
+    ("VEL", 3, "strapdown", "Q24 m/s, ENU"),
+    ("POS", 3, "strapdown", "Q18 m, ENU, inside the cell"),
+    ("CELL", 3, "strapdown", "cells of 4096 m; position = 4096 cell + POS / 2**18"),
+    ("BIAS", 3, "strapdown", "Q20 counts, gyro bias"),
+    ("GRAVITY", 1, "strapdown", "Q20 m/s²"),
+    ("P_VV", 3, "covariance", "Q26 (m/s)², E N U"),
+    ("P_PV", 3, "covariance", "Q24 m²/s"),
+    ("P_PP", 3, "covariance", "Q24 m², since the last step; reported, not fed back"),
+    ("P_VT", 2, "covariance", "Q28 rad m/s; for E the tilt about N, for N the one about -E"),
+    ("P_PT", 2, "covariance", "Q28 rad m"),
+    ("P_TT", 2, "covariance", "Q30 rad²"),
+    ("DP_VV", 3, "covariance", "Q26 (m/s)², growth of P_VV on this tick"),
+    ("SWING_TICKS", 1, "covariance", "ticks since the last stance tick"),
+    ("RNG", 2, "particles", "xorshift32, upper and lower 16 bits"),
+    ("INCONSISTENT", 1, "particles", "t: consecutive samples inconsistent with zero velocity"),
+    ("SINCE_CONSISTENT", 1, "particles", "ticks since the last consistent sample"),
+    ("M2", 1, "particles", "Q10, normalised innovation squared m²"),
+    ("THRESHOLD", 1, "particles", "Q14, adaptive threshold M"),
+    ("N_EFF", 1, "particles", "Q8, effective sample size"),
+    ("RESAMPLED", 1, "particles", "secondary resamplings so far"),
+    ("LOCKOUTS", 1, "particles", "times that H1 accepted zero velocity"),
+    ("LOG_W", PARTICLES, "particles", "Q16, log2 of the weight, largest 0"),
+    ("X", 3 * PARTICLES, "particles", "Q16 m/s, error of the INS velocity, ENU"),
+    ("POS_LAST", 3, "steps", "Q18 m, position at the last stance tick"),
+    ("POS_REF", 3, "steps", "Q18 m, position at the end of the stance before this one"),
+    ("POS_STEP", 3, "steps", "Q18 m, where the last step ended"),
+    ("HEADING_STEP", 1, "steps", "2**16 a turn, heading there"),
+    ("HEADING_LAST", 1, "steps", "2**16 a turn, heading of the foot as it stood last"),
+    ("TICK_STEP", 1, "steps", "tick of the last step's end"),
+    ("STANCE_TICKS", 1, "steps", "stance ticks since the last real swing"),
+    ("STEPPING", 1, "steps", "0 first stance, 1 swung since the last step, 2 step counted"),
+    ("STEPS", 1, "steps", "steps (strides of this foot)"),
+    ("DISTANCE", 1, "steps", "Q10 m, sum of the horizontal step lengths"),
+    ("STEP_MOVE", 3, "steps", "Q18 m, displacement of the last step, ENU"),
+    ("STEP_TURN", 1, "steps", "2**16 a turn, heading change of the last step, clockwise"),
+    ("STEP_TICKS", 1, "steps", "ticks that the last step took"),
+    ("STEP_VAR", 3, "steps", "Q24 m², P_PP at the last stance tick: variance of the displacement"),
+)
+
+# Not part of the state: written and read within one tick.
+WORK_FIELDS = (
+    ("NAV", 3, "strapdown", "Q20, a vector turned into ENU"),
+    ("RATE", 3, "strapdown", "Q8 counts, rate less bias, body"),
+    ("ERR", 3, "particles", "Q24 m/s, estimated velocity error d"),
+    ("VAR", 3, "particles", "s² in units of the spread's scale"),
+    ("SCALE", 3, "particles", "right shift from Q16 m/s to the spread's scale"),
+    ("ROOT", 6, "particles", "square root of P_VV or its growth and its shift, E N U"),
+    ("GAIN", 1, "particles", "likelihood gain"),
+    ("GAIN_SHIFT", 1, "particles", "right shift of the error before the gain"),
+    ("SUM_W", 1, "particles", "Q14"),
+    ("SUM_W2", 1, "particles", "Q20"),
+    ("HEAVY", 1, "particles", "particles with a weight over K"),
+    ("PROPOSAL", 3 * PARTICLES, "particles", "Q16 m/s, x'"),
+    ("WEIGHT", PARTICLES, "particles", "Q14, largest 1"),
+)
+
+SAMPLE_FIELDS = (
+    ("ACC", 3, "", "counts, right front up of the sensor"),
+    ("GYRO", 3, "", "counts"),
+)
+
+TABLE_FIELDS = (
+    ("EXP2", 257, "", "Q15, 2**(-i/256)"),
+    ("ATAN", 16, "", "2**16 a turn, atan(2**-i), eight more bits of fraction"),
+    ("GAUSS", 3 * PARTICLES, "", "Q12, standard normal three-vectors, whitened"),
+)
+
+
+def offsets(fields):
+    """Map each field's name to its first word."""
+    out = {}
+    at = 0
+    for name, words, _stage, _format in fields:
+        out[name] = at
+        at += words
+    return out
+
+
+def size(fields):
+    """Words that the fields take together."""
+    return sum([words for _name, words, _stage, _format in fields])
+
+
+def locate(fields, index):
+    """Name the word at `index`: ``(stage, "VEL[1]")``."""
+    at = 0
+    for name, words, stage, _format in fields:
+        if index < at + words:
+            return stage, name if words == 1 else "%s[%d]" % (name, index - at)  # noqa: UP031
+        at += words
+    raise IndexError(index)

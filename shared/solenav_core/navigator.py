@@ -1,0 +1,136 @@
+"""The navigator: owns the state, runs the tick.
+
+`tick` is the one entry point: a raw sample goes in, the state changes, nothing is allocated.
+Everything that the navigator knows is in the state, so its bytes are the snapshot and their
+CRC-32 is the digest.
+"""
+
+from array import array
+from binascii import crc32
+
+from solenav_core.align import finish, gather
+from solenav_core.compat import const, micropython, ptr32
+from solenav_core.covariance import grow
+from solenav_core.detector import detect, push
+from solenav_core.layout import SAMPLE_FIELDS, STATE_FIELDS, WORK_FIELDS, size
+from solenav_core.qmath import clamp
+from solenav_core.particles import update
+from solenav_core.steps import stood, swung
+from solenav_core.strapdown import correct_rate, propagate, recentre
+
+# What `tick` returns: bits.
+ALIGNED = 1  # the static start ended on this tick
+STANCE = 2
+STEP = 4  # a step's figures are settled
+RESAMPLED = 8
+LOCKED_OUT = 16  # H1: zero velocity accepted after the filter had been locked out
+
+_TOP = const(0x3FFFFFFF)
+
+_S_TICK = const(0)
+_S_MODE = const(1)
+_S_AL_COUNT = const(3)
+_S_AL_RESTARTS = const(4)
+_S_STANCE = const(19)
+_S_STILL_TICKS = const(21)
+_S_BIAS = const(68)
+_S_RNG = const(91)
+_S_SWING_TICKS = const(90)
+_S_SINCE_CONSISTENT = const(94)
+_S_POS_LAST = const(500)
+_S_POS_REF = const(503)
+_P_BIAS_MAX = const(9)
+_P_STILL_TICKS = const(16)
+_P_STILL_GAIN = const(17)
+_P_FREEZE_TICKS = const(23)
+_P_SEED = const(40)
+_W_RATE = const(3)
+
+
+def new_state(params):
+    """A navigator before its first sample: `array('i')` of the layout's size."""
+    state = array("i", bytes(4 * size(STATE_FIELDS)))
+    reset(state, params)
+    return state
+
+
+def new_work():
+    """The tick's work area; its contents never outlive a tick."""
+    return array("i", bytes(4 * size(WORK_FIELDS)))
+
+
+def new_sample():
+    """Raw counts for `tick`: ax ay az gx gy gz."""
+    return array("i", bytes(4 * size(SAMPLE_FIELDS)))
+
+
+def reset(state, params):
+    """Back to before the first sample."""
+    for i in range(len(state)):
+        state[i] = 0
+    state[_S_RNG] = (params[_P_SEED] >> 16) & 65535
+    state[_S_RNG + 1] = params[_P_SEED] & 65535
+
+
+def digest(state):
+    """CRC-32 of the state's bytes (little-endian words)."""
+    return crc32(state)
+
+
+@micropython.viper
+def rest(s: ptr32, p: ptr32, w: ptr32) -> int:
+    """Zero angular rate: a long enough still takes the rate into the bias (step 4)."""
+    if s[_S_STILL_TICKS] <= p[_P_STILL_TICKS]:
+        return 0
+    i = 0
+    while i < 3:
+        # RATE is Q8, the bias Q20, the gain Q22: 8 + 22 - 10 = 20.
+        taken = (w[_W_RATE + i] * p[_P_STILL_GAIN] + 512) >> 10
+        s[_S_BIAS + i] = int(clamp(s[_S_BIAS + i] + taken, p[_P_BIAS_MAX] << 20))
+        i = i + 1
+    return 1
+
+
+@micropython.viper
+def tick(s: ptr32, p: ptr32, w: ptr32, t: ptr32, m: ptr32) -> int:
+    """One sample `m` into the state `s`; returns the event bits above.
+
+    `p` parameters, `w` work area, `t` tables. Order: algorithm page, "What we run".
+    """
+    if s[_S_TICK] < _TOP:
+        s[_S_TICK] = s[_S_TICK] + 1
+    int(push(s, p, m))
+    if s[_S_MODE] == 0:
+        if int(gather(s, p, m)) == 0:
+            return 0
+        if int(finish(s, p, w)) == 0:
+            s[_S_AL_COUNT] = 0
+            s[_S_AL_RESTARTS] = s[_S_AL_RESTARTS] + 1
+            return 0
+        s[_S_MODE] = 1
+        return 1
+    int(correct_rate(s, w, m))
+    int(propagate(s, p, w, m))
+    if s[_S_SWING_TICKS] <= p[_P_FREEZE_TICKS]:
+        int(grow(s, p))
+    if s[_S_SINCE_CONSISTENT] < _TOP:
+        s[_S_SINCE_CONSISTENT] = s[_S_SINCE_CONSISTENT] + 1
+    if int(detect(s, p, w)) == 0:
+        if s[_S_SWING_TICKS] < _TOP:
+            s[_S_SWING_TICKS] = s[_S_SWING_TICKS] + 1
+        s[_S_STANCE] = 0
+        int(recentre(s))
+        return int(swung(s, p)) << 2
+    fresh = 1 - s[_S_STANCE]
+    s[_S_STANCE] = 1
+    s[_S_SWING_TICKS] = 0
+    if fresh:
+        i = 0
+        while i < 3:
+            s[_S_POS_REF + i] = s[_S_POS_LAST + i]
+            i = i + 1
+    int(rest(s, p, w))
+    events = int(update(s, p, w, t, fresh)) << 3
+    int(stood(s, p, w, t))
+    int(recentre(s))
+    return events | 2

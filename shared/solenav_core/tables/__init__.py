@@ -1,0 +1,1 @@
+"""Constant tables, written by the scripts in tools/tables/."""

@@ -1,0 +1,76 @@
+"""Write `solenav_core/tables/lookup.py`: the core's constant tables, or check that it is current.
+
+EXP2 and ATAN are rounded values of the functions. GAUSS is 50 antithetic pairs of a scrambled
+Halton sequence through the normal quantile, whitened (mean 0, covariance 1), in a fixed shuffle
+so that neighbouring rows are not neighbours of the sequence.
+
+    python tools/tables/lookup.py [--check]
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from scipy.special import ndtri
+from scipy.stats import qmc
+
+TARGET = Path(__file__).resolve().parents[2] / "shared/solenav_core/tables/lookup.py"
+SEED = 2020
+
+
+def exp2() -> list[int]:
+    """2**(-i/256) in Q15 for i = 0..256."""
+    return [int(v) for v in np.rint(2.0 ** (15 - np.arange(257) / 256))]
+
+
+def atan() -> list[int]:
+    """atan(2**-i) for i = 0..15, 2**24 a turn."""
+    return [int(v) for v in np.rint(np.arctan(2.0 ** -np.arange(16)) / (2 * np.pi) * 2**24)]
+
+
+def gauss() -> list[int]:
+    """100 three-vectors, Q12, row after row."""
+    half = ndtri(qmc.Halton(3, scramble=True, rng=np.random.default_rng(SEED)).random(50))
+    pairs = np.vstack([half, -half])
+    whitener = np.linalg.inv(np.linalg.cholesky(np.cov(pairs.T, bias=True)))
+    rows = np.rint((pairs @ whitener.T) * 4096).astype(int)
+    return [int(v) for v in np.random.default_rng(SEED).permutation(rows).ravel()]
+
+
+def render() -> str:
+    lines = [
+        '"""Constant tables of the core. Written by tools/tables/lookup.py: do not edit."""',
+        "",
+        "from array import array",
+        "",
+        "# EXP2 (257), ATAN (16), GAUSS (300), as `layout.TABLE_FIELDS` lists them.",
+        "TABLES = array(",
+        '    "i",',
+        "    [",
+    ]
+    values = exp2() + atan() + gauss()
+    line = "       "
+    for value in values:
+        if len(line) + len(f" {value},") > 100:
+            lines.append(line)
+            line = "       "
+        line += f" {value},"
+    lines += [line, "    ],", ")", ""]
+    return "\n".join(lines)
+
+
+def main() -> int:
+    text = render()
+    if "--check" in sys.argv[1:]:
+        if TARGET.read_text(encoding="utf-8") != text:
+            print(f"{TARGET.name} is stale: run tools/tables/lookup.py")
+            return 1
+        return 0
+    TARGET.write_text(text, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
