@@ -25,8 +25,9 @@ class Settings:
 
     initial_heading_deg: float = 0.0  # azimuth of the foot's front axis, clockwise from North
     align_s: float = 1.0
+    align_min_s: float = 0.2
     align_accel: float = 0.5  # m/s², largest deviation from the first still sample
-    align_rate_dps: float = 3.0
+    align_rate_dps: float = 4.0
     bias_max_dps: float = 50.0
     accel_min: float = 8.3  # m/s², C1
     accel_max: float = 11.3
@@ -69,6 +70,7 @@ def _limits() -> dict[str, tuple[int, int]]:
         "YAW_W": (-word, word),
         "YAW_Z": (-word, word),
         "ALIGN_TICKS": (2, 32767),
+        "ALIGN_MIN": (2, 32767),
         "BIAS_MAX": (1, 2000),
         "RATE_MAX": (1, 26000),
         "STILL_RATE": (1, 26000),
@@ -125,6 +127,7 @@ def to_integers(settings: Settings, rate_hz: float) -> array[int]:
         "YAW_W": min(one, q(math.cos(half_yaw), 30)),
         "YAW_Z": max(-one, min(one, q(math.sin(half_yaw), 30))),
         "ALIGN_TICKS": ticks(s.align_s),
+        "ALIGN_MIN": max(2, ticks(s.align_min_s)),
         "ALIGN_ACC": round(s.align_accel * counts_per_accel),
         "ALIGN_RATE": round(s.align_rate_dps * counts_per_dps),
         "BIAS_MAX": round(s.bias_max_dps * counts_per_dps),

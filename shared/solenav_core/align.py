@@ -1,7 +1,8 @@
 """Static start: gravity, gyro bias and attitude from the first stretch of stillness.
 
-A sample is still while no axis leaves its limit around the first still sample; anything else
-starts the stretch anew. No magnetometer is needed: the body's front axis gets the heading of
+A sample is still while no axis leaves its limit around the first still sample. The stretch ends
+after ALIGN_TICKS, or with the first motion once it has lasted ALIGN_MIN: people walk off early.
+Motion before that starts the stretch anew. No magnetometer is needed: the body's front axis gets the heading of
 parameters YAW_W and YAW_Z (algorithm page, "Static start").
 """
 
@@ -30,17 +31,21 @@ _P_ACC_SCALE = const(1)
 _P_YAW_W = const(4)
 _P_YAW_Z = const(5)
 _P_ALIGN_TICKS = const(6)
-_P_ALIGN_ACC = const(7)
-_P_ALIGN_RATE = const(8)
-_P_BIAS_MAX = const(9)
-_P_P_VV_0 = const(24)
-_P_P_TT_0 = const(25)
+_P_ALIGN_MIN = const(7)
+_P_ALIGN_ACC = const(8)
+_P_ALIGN_RATE = const(9)
+_P_BIAS_MAX = const(10)
+_P_P_VV_0 = const(25)
+_P_P_TT_0 = const(26)
 _W_NAV = const(0)
 
 
 @micropython.viper
 def gather(s: ptr32, p: ptr32, m: ptr32) -> int:
-    """Take one sample into the stretch of stillness. 1 once the stretch is long enough."""
+    """Take one sample into the stretch of stillness.
+
+    0: not enough yet. 1: long enough, this sample included. 2: long enough, this one moves.
+    """
     peak_acc = s[_S_AL_PEAK_ACC]
     peak_rate = s[_S_AL_PEAK_RATE]
     count = s[_S_AL_COUNT]
@@ -57,6 +62,8 @@ def gather(s: ptr32, p: ptr32, m: ptr32) -> int:
                 peak_rate = off
             i = i + 1
         if peak_acc > p[_P_ALIGN_ACC] or peak_rate > p[_P_ALIGN_RATE]:
+            if count >= p[_P_ALIGN_MIN]:
+                return 2
             count = 0
             s[_S_AL_RESTARTS] = s[_S_AL_RESTARTS] + 1
     if count == 0:

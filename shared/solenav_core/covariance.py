@@ -18,11 +18,11 @@ _S_P_PT = const(83)
 _S_P_TT = const(85)
 _S_DP_VV = const(87)
 _P_DT = const(3)
-_P_GAMMA = const(18)
-_P_GAMMA2 = const(19)
-_P_Q_VV_H = const(20)
-_P_Q_VV_U = const(21)
-_P_Q_TT = const(22)
+_P_GAMMA = const(19)
+_P_GAMMA2 = const(20)
+_P_Q_VV_H = const(21)
+_P_Q_VV_U = const(22)
+_P_Q_TT = const(23)
 
 
 @micropython.viper

@@ -39,11 +39,11 @@ _S_SWING_TICKS = const(90)
 _S_SINCE_CONSISTENT = const(94)
 _S_POS_LAST = const(500)
 _S_POS_REF = const(503)
-_P_BIAS_MAX = const(9)
-_P_STILL_TICKS = const(16)
-_P_STILL_GAIN = const(17)
-_P_FREEZE_TICKS = const(23)
-_P_SEED = const(40)
+_P_BIAS_MAX = const(10)
+_P_STILL_TICKS = const(17)
+_P_STILL_GAIN = const(18)
+_P_FREEZE_TICKS = const(24)
+_P_SEED = const(41)
 _W_RATE = const(3)
 
 
@@ -100,15 +100,19 @@ def tick(s: ptr32, p: ptr32, w: ptr32, t: ptr32, m: ptr32) -> int:
     if s[_S_TICK] < _TOP:
         s[_S_TICK] = s[_S_TICK] + 1
     int(push(s, p, m))
+    events = 0
     if s[_S_MODE] == 0:
-        if int(gather(s, p, m)) == 0:
+        still = int(gather(s, p, m))
+        if still == 0:
             return 0
         if int(finish(s, p, w)) == 0:
             s[_S_AL_COUNT] = 0
             s[_S_AL_RESTARTS] = s[_S_AL_RESTARTS] + 1
             return 0
         s[_S_MODE] = 1
-        return 1
+        events = 1
+        if still == 1:
+            return events
     int(correct_rate(s, w, m))
     int(propagate(s, p, w, m))
     if s[_S_SWING_TICKS] <= p[_P_FREEZE_TICKS]:
@@ -120,7 +124,7 @@ def tick(s: ptr32, p: ptr32, w: ptr32, t: ptr32, m: ptr32) -> int:
             s[_S_SWING_TICKS] = s[_S_SWING_TICKS] + 1
         s[_S_STANCE] = 0
         int(recentre(s))
-        return int(swung(s, p)) << 2
+        return events | int(swung(s, p)) << 2
     fresh = 1 - s[_S_STANCE]
     s[_S_STANCE] = 1
     s[_S_SWING_TICKS] = 0
@@ -130,7 +134,7 @@ def tick(s: ptr32, p: ptr32, w: ptr32, t: ptr32, m: ptr32) -> int:
             s[_S_POS_REF + i] = s[_S_POS_LAST + i]
             i = i + 1
     int(rest(s, p, w))
-    events = int(update(s, p, w, t, fresh)) << 3
+    events = events | int(update(s, p, w, t, fresh)) << 3
     int(stood(s, p, w, t))
     int(recentre(s))
     return events | 2

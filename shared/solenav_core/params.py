@@ -13,6 +13,7 @@ PARAM_FIELDS = (
     ("YAW_W", "Q30", "initial heading: scalar part of the rotation about Up"),
     ("YAW_Z", "Q30", "initial heading: Up part of the rotation about Up"),
     ("ALIGN_TICKS", "ticks", "length of the static start"),
+    ("ALIGN_MIN", "ticks", "shortest static start, where motion cuts it short"),
     ("ALIGN_ACC", "counts", "largest deviation that counts as still"),
     ("ALIGN_RATE", "counts", "largest deviation that counts as still"),
     ("BIAS_MAX", "counts", "largest gyro bias that the static start accepts"),

@@ -29,8 +29,8 @@ _S_STEP_MOVE = const(516)
 _S_STEP_TURN = const(519)
 _S_STEP_TICKS = const(520)
 _S_STEP_VAR = const(521)
-_P_STEP_SWING = const(38)
-_P_STEP_STANCE = const(39)
+_P_STEP_SWING = const(39)
+_P_STEP_STANCE = const(40)
 _W_NAV = const(0)
 
 

@@ -1,0 +1,278 @@
+"""The message schema: what goes over the wire, packed and unpacked on both sides from here.
+
+Each message is ``(type, name, when, fields)``, each field ``(name, struct code, count, format,
+meaning)``; code ``*`` is bytes up to the payload's end. Numbers are little-endian integers in
+the core's own formats. Sensor and navigator messages go from the board to the host; commands,
+from 0x40 on, the other way, each answered by an ACK with its seq.
+"""
+
+from struct import calcsize, pack_into
+
+from solenav_core.framing import crc16
+from solenav_core.layout import STATE_FIELDS, offsets
+from solenav_core.navigator import digest
+from solenav_core.params import NAMES
+
+HELLO = 0x01
+PARAMS = 0x02
+ALIGN = 0x03
+SAMPLE = 0x04
+POSE = 0x05
+STEP = 0x06
+SNAPSHOT = 0x07
+STATUS = 0x08
+LOG = 0x09
+ACK = 0x0A
+
+ASK_HELLO = 0x40
+ASK_START = 0x41
+ASK_STOP = 0x42
+ASK_SNAPSHOT = 0x43
+
+# SAMPLE flags
+CLIPPED_ACC = 1
+CLIPPED_GYRO = 2
+GAP_BEFORE = 4
+
+# POSE flags
+IN_STANCE = 1
+NAVIGATING = 2
+FROZEN = 4  # so long without stance that the covariance stopped growing
+SATURATED = 8  # the velocity has been at its limit since the static start
+
+# STATUS modes
+IDLE, ALIGNING, RUNNING, FAULT = 0, 1, 2, 3
+
+# ACK results
+DONE, REPEATED, UNKNOWN, REFUSED = 0, 1, 2, 3
+
+LEVELS = ("info", "warning", "error")
+
+SENSORS = ("none", "MPU-6050", "MPU-9150")
+
+MESSAGES = (
+    (
+        HELLO,
+        "HELLO",
+        "at boot and when asked for",
+        (
+            ("schema", "H", 1, "", "hash of the message schema: the seed of all other CRCs"),
+            ("build", "I", 1, "", "hash of firmware and core files"),
+            ("params", "I", 1, "", "CRC-32 of the parameters"),
+            ("rate", "I", 1, "mHz", "nominal sample rate"),
+            ("pose_every", "H", 1, "ticks", "a POSE on every so many ticks"),
+            ("sensor", "B", 1, "", "0 none, 1 MPU-6050, 2 MPU-9150"),
+            ("boot_reason", "B", 1, "", "machine.reset_cause()"),
+            ("self_test", "B", 1, "", "0 passed, otherwise the failed test"),
+            ("text", "*", 0, "UTF-8", "board; firmware version; MicroPython"),
+        ),
+    ),
+    (
+        PARAMS,
+        "PARAMS",
+        "after HELLO",
+        (("values", "i", len(NAMES), "", "every parameter, in the order of the core's list"),),
+    ),
+    (
+        ALIGN,
+        "ALIGN",
+        "at the end of the static start",
+        (
+            ("attitude", "i", 4, "Q30", "body to ENU, scalar first"),
+            ("bias", "i", 3, "Q20 counts", "gyro bias"),
+            ("gravity", "i", 1, "Q20 m/s²", "mean specific force"),
+            ("ticks", "i", 1, "ticks", "still samples used"),
+            ("restarts", "i", 1, "", "times that motion restarted it"),
+            ("peak_acc", "i", 1, "counts", "largest deviation from the first still sample"),
+            ("peak_rate", "i", 1, "counts", "largest deviation from the first still sample"),
+            ("digest", "I", 1, "", "CRC-32 of the state"),
+        ),
+    ),
+    (
+        SAMPLE,
+        "SAMPLE",
+        "on every tick",
+        (
+            ("time", "I", 1, "µs", "board time of the sample, wraps at 2**32"),
+            ("acc", "h", 3, "counts", "accelerometer, 2048 a g"),
+            ("gyro", "h", 3, "counts", "gyro, 16.4 a °/s"),
+            ("temperature", "h", 1, "1/340 °C", "die temperature less 35 °C"),
+            ("flags", "B", 1, "", "1 accelerometer clipped, 2 gyro clipped, 4 gap before"),
+        ),
+    ),
+    (
+        POSE,
+        "POSE",
+        "on every pose_every-th tick once aligned",
+        (
+            ("position", "i", 3, "Q18 m", "ENU, inside the cell"),
+            ("cell", "b", 3, "4096 m", "ENU; position = 4096 cell + position"),
+            ("velocity", "i", 3, "Q24 m/s", "ENU"),
+            ("attitude", "i", 4, "Q30", "body to ENU, scalar first"),
+            ("flags", "B", 1, "", "1 stance, 2 navigating, 4 covariance frozen, 8 saturated"),
+            ("threshold", "H", 1, "Q14", "adaptive threshold M"),
+            ("n_eff", "H", 1, "Q8", "effective sample size"),
+            ("m2", "I", 1, "Q10", "normalised innovation squared"),
+            ("acc_norm", "H", 1, "Q7 m/s²", "specific force magnitude"),
+            ("resampled", "I", 1, "", "secondary resamplings so far"),
+            ("steps", "H", 1, "", "steps so far, modulo 2**16"),
+            ("distance", "I", 1, "Q10 m", "sum of the step lengths"),
+            ("digest", "I", 1, "", "CRC-32 of the state"),
+        ),
+    ),
+    (
+        STEP,
+        "STEP",
+        "at the end of each stance that is a step",
+        (
+            ("displacement", "i", 3, "Q18 m", "ENU, since the last step"),
+            ("turn", "h", 1, "2**16 a turn", "heading change since the last step, clockwise"),
+            ("heading", "h", 1, "2**16 a turn", "azimuth of the foot, clockwise from North"),
+            ("variance", "i", 3, "Q24 m²", "of the displacement, E N U"),
+            ("ticks", "I", 1, "ticks", "since the last step"),
+            ("steps", "I", 1, "", "steps so far"),
+            ("distance", "I", 1, "Q10 m", "sum of the step lengths"),
+            ("digest", "I", 1, "", "CRC-32 of the state"),
+        ),
+    ),
+    (
+        SNAPSHOT,
+        "SNAPSHOT",
+        "every 10 s and when asked for, in fragments of one tick",
+        (
+            ("offset", "H", 1, "bytes", "where the fragment goes"),
+            ("total", "H", 1, "bytes", "size of the whole state"),
+            ("data", "*", 0, "", "the state's bytes"),
+        ),
+    ),
+    (
+        STATUS,
+        "STATUS",
+        "every second",
+        (
+            ("mode", "B", 1, "", "0 idle, 1 aligning, 2 navigating, 3 fault"),
+            ("samples", "I", 1, "", "samples read since start"),
+            ("overruns", "I", 1, "", "samples that came before the last one was read"),
+            ("gaps", "I", 1, "", "times that samples were lost"),
+            ("bus_errors", "I", 1, "", "failed I2C transfers"),
+            ("recoveries", "I", 1, "", "sensor set up anew"),
+            ("clipped", "I", 1, "", "samples at full scale"),
+            ("dropped_samples", "I", 1, "", "SAMPLE frames that the UART had no room for"),
+            ("dropped_poses", "I", 1, "", "POSE frames, likewise"),
+            ("dropped_others", "I", 1, "", "other frames, likewise"),
+            ("bad_commands", "I", 1, "", "damaged frames received"),
+            ("period", "I", 1, "Q8 µs", "learned sample period"),
+            ("worst", "I", 1, "µs", "longest tick of the core so far"),
+            ("heap", "I", 1, "bytes", "free heap"),
+        ),
+    ),
+    (
+        LOG,
+        "LOG",
+        "on events",
+        (
+            ("level", "B", 1, "", "0 info, 1 warning, 2 error"),
+            ("text", "*", 0, "UTF-8", "what happened"),
+        ),
+    ),
+    (
+        ACK,
+        "ACK",
+        "after each command",
+        (
+            ("command", "B", 1, "", "its type"),
+            ("command_seq", "B", 1, "", "its seq"),
+            ("result", "B", 1, "", "0 done, 1 done before, 2 unknown, 3 refused"),
+        ),
+    ),
+    (ASK_HELLO, "ASK_HELLO", "command: send HELLO and PARAMS", ()),
+    (ASK_START, "ASK_START", "command: start afresh with a static start", ()),
+    (ASK_STOP, "ASK_STOP", "command: stop sampling", ()),
+    (ASK_SNAPSHOT, "ASK_SNAPSHOT", "command: send a SNAPSHOT after the next tick", ()),
+)
+
+# Types whose frames every version can read: they carry the standard CRC seed.
+OPEN = (HELLO, ACK, ASK_HELLO)
+
+
+def form(fields):
+    """The `struct` format of a message's fields, without trailing bytes."""
+    return "<" + "".join(["%d%s" % (n, c) if n > 1 else c for _f, c, n, _q, _m in fields if c != "*"])
+
+
+FORMATS = {kind: form(fields) for kind, _name, _when, fields in MESSAGES}
+SIZES = {kind: calcsize(FORMATS[kind]) for kind in FORMATS}
+
+
+def schema_hash():
+    """CRC-16 of everything that sender and receiver must agree on."""
+    seed = 0xFFFF
+    for kind, name, _when, fields in MESSAGES:
+        for part in [str(kind), name] + [f[0] + f[1] + str(f[2]) + f[3] for f in fields]:
+            data = part.encode()
+            seed = crc16(data, 0, len(data), seed)
+    for name in list(NAMES) + [f[0] + str(f[1]) for f in STATE_FIELDS]:
+        data = name.encode()
+        seed = crc16(data, 0, len(data), seed)
+    return seed
+
+
+SCHEMA = schema_hash()
+
+_AT = offsets(STATE_FIELDS)
+_ALIGN = _AT["ATT"], _AT["BIAS"], _AT["GRAVITY"], _AT["AL_COUNT"]
+_POSE = (_AT["POS"], _AT["CELL"], _AT["VEL"], _AT["ATT"], _AT["THRESHOLD"], _AT["N_EFF"])
+_POSE2 = (_AT["M2"], _AT["ACC_NORM"], _AT["RESAMPLED"], _AT["STEPS"], _AT["DISTANCE"])
+_FLAGS = (_AT["STANCE"], _AT["MODE"], _AT["SWING_TICKS"], _AT["SATURATED"])
+_FREEZE = NAMES.index("FREEZE_TICKS")
+_STEP = _AT["STEP_MOVE"], _AT["STEP_TURN"], _AT["HEADING_LAST"], _AT["STEP_VAR"], _AT["STEP_TICKS"]
+
+
+def pack_align(buf, at, s):
+    """The ALIGN payload of state `s` into buf[at:]; its end."""
+    q, b, g, n = _ALIGN
+    # fmt: off
+    pack_into(
+        FORMATS[ALIGN], buf, at, s[q], s[q + 1], s[q + 2], s[q + 3], s[b], s[b + 1], s[b + 2],
+        s[g], s[n], s[n + 1], s[n + 2], s[n + 3], digest(s),
+    )
+    # fmt: on
+    return at + SIZES[ALIGN]
+
+
+def pack_pose(buf, at, s, params):
+    """The POSE payload of state `s` into buf[at:]; its end."""
+    p, c, v, q, threshold, n_eff = _POSE
+    m2, norm, resampled, steps, distance = _POSE2
+    stance, mode, swing, saturated = _FLAGS
+    flags = s[stance] | (s[mode] << 1)
+    if s[swing] > params[_FREEZE]:
+        flags |= FROZEN
+    if s[saturated]:
+        flags |= SATURATED
+    # fmt: off
+    pack_into(
+        FORMATS[POSE], buf, at, s[p], s[p + 1], s[p + 2],
+        _byte(s[c]), _byte(s[c + 1]), _byte(s[c + 2]), s[v], s[v + 1], s[v + 2],
+        s[q], s[q + 1], s[q + 2], s[q + 3], flags, s[threshold], s[n_eff], s[m2], s[norm],
+        s[resampled], s[steps] & 65535, s[distance], digest(s),
+    )
+    # fmt: on
+    return at + SIZES[POSE]
+
+
+def pack_step(buf, at, s):
+    """The STEP payload of state `s` into buf[at:]; its end."""
+    d, turn, heading, var, ticks = _STEP
+    # fmt: off
+    pack_into(
+        FORMATS[STEP], buf, at, s[d], s[d + 1], s[d + 2], s[turn], s[heading],
+        s[var], s[var + 1], s[var + 2], s[ticks], s[_POSE2[3]], s[_POSE2[4]], digest(s),
+    )
+    # fmt: on
+    return at + SIZES[STEP]
+
+
+def _byte(value):
+    """A cell number within an int8: beyond 520 km the flag of saturation has long been set."""
+    return max(-128, min(127, value))
