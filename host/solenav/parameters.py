@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import math
 from array import array
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 
 from solenav import mpu9150
 from solenav.errors import SolenavError
 from solenav_core import params
 
+__all__ = ["Settings", "checked", "named", "replace", "to_integers"]
+
 REFERENCE_RATE_HZ = 200.0
-GRAVITY = 9.80665
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,7 @@ def to_integers(settings: Settings, rate_hz: float) -> array[int]:
     s = settings
     dt = 1.0 / rate_hz
     relative = rate_hz / REFERENCE_RATE_HZ
-    counts_per_accel = mpu9150.ACCEL_LSB_PER_G / GRAVITY
+    counts_per_accel = mpu9150.ACCEL_LSB_PER_G / mpu9150.STANDARD_GRAVITY
     counts_per_dps = mpu9150.GYRO_LSB_PER_DPS
     half_yaw = -math.radians(s.initial_heading_deg) / 2
     window = max(1, round(s.window_s * rate_hz))
@@ -139,8 +140,8 @@ def to_integers(settings: Settings, rate_hz: float) -> array[int]:
         "STILL_RATE": q(s.still_rate_dps * counts_per_dps, 2),
         "STILL_TICKS": ticks(s.still_s),
         "STILL_GAIN": q(dt / s.still_time_constant_s, 22),
-        "GAMMA": q(GRAVITY * dt, 30),
-        "GAMMA2": q((GRAVITY * dt) ** 2, 30),
+        "GAMMA": q(mpu9150.STANDARD_GRAVITY * dt, 30),
+        "GAMMA2": q((mpu9150.STANDARD_GRAVITY * dt) ** 2, 30),
         "Q_VV_H": q(s.velocity_noise_horizontal * dt, 26),
         "Q_VV_U": q(s.velocity_noise_up * dt, 26),
         "Q_TT": q(s.tilt_noise * dt, 30),
@@ -187,6 +188,3 @@ def named(values: array[int]) -> dict[str, int]:
     """Parameter names to values."""
     return dict(zip(params.NAMES, values, strict=True))
 
-
-def setting_names() -> list[str]:
-    return [f.name for f in fields(Settings)]

@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 
 from solenav.errors import SolenavError
 from solenav_core import navigator
+from solenav_core.layout import STATE_FIELDS, offsets
 from solenav_core.tables.lookup import TABLES
 
 NAMES = ("pure", "checked", "fast")
+_MODE = offsets(STATE_FIELDS)["MODE"]
 
 
 class Engine:
@@ -81,6 +83,11 @@ class Engine:
         """
         end = len(counts) if stop is None else stop
         return self._advance(*self._arrays, counts, start, end, mask)
+
+    @property
+    def navigating(self) -> bool:
+        """True once the static start is over."""
+        return self.state[_MODE] == 1
 
     def digest(self) -> int:
         return navigator.digest(self.state)

@@ -1,0 +1,112 @@
+"""What stands beside a capture: a JSON sidecar and, where known, the truth.
+
+``walk.solcap`` has ``walk.json`` (host version, source, notes) and ``walk.truth.csv`` (time_s,
+east_m, north_m, up_m and, where known, vel_e, vel_n, vel_u and stance; empty where unknown).
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solenav.errors import SolenavError
+from solenav.recording import FloatArray, Truth
+
+_POSITION = ["east_m", "north_m", "up_m"]
+_VELOCITY = ["vel_e", "vel_n", "vel_u"]
+
+
+def sidecar_path(capture: Path) -> Path:
+    return capture.with_suffix(".json")
+
+
+def truth_path(capture: Path) -> Path:
+    return capture.with_suffix(".truth.csv")
+
+
+def host_version() -> str:
+    """The installed version of solenav."""
+    try:
+        return version("solenav")
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def write_sidecar(capture: Path, content: dict[str, Any]) -> None:
+    text = json.dumps({"solenav": host_version(), **content}, indent=2, ensure_ascii=False)
+    sidecar_path(capture).write_text(text + "\n", encoding="utf-8")
+
+
+def read_sidecar(capture: Path) -> dict[str, Any]:
+    """The sidecar, or an empty one: a capture stands without it."""
+    try:
+        content = json.loads(sidecar_path(capture).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError) as error:
+        raise SolenavError(
+            f"{sidecar_path(capture)} can't be read: {error}", "mend or delete it"
+        ) from None
+    return content if isinstance(content, dict) else {}
+
+
+def write_truth(capture: Path, truth: Truth) -> None:
+    """Write the truth's arrays; its frame and `closed_loop` belong into the sidecar."""
+    columns = ["time_s", *_POSITION]
+    arrays = [truth.time_s[:, None], truth.position_enu]
+    if truth.velocity_enu is not None:
+        columns += _VELOCITY
+        arrays.append(truth.velocity_enu)
+    if truth.stance is not None:
+        columns.append("stance")
+        arrays.append(truth.stance[:, None].astype(float))
+    with truth_path(capture).open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        for row in np.hstack(arrays):
+            writer.writerow(["" if np.isnan(v) else f"{v:.9g}" for v in row])
+
+
+def read_truth(capture: Path) -> Truth | None:
+    """The truth beside a capture, or None. SolenavError where the file is damaged."""
+    about = read_sidecar(capture).get("truth")
+    path = truth_path(capture)
+    if about is None and not path.exists():
+        return None
+    about = about if isinstance(about, dict) else {}
+    frame, closed = str(about.get("frame", "local")), bool(about.get("closed_loop", False))
+    if not path.exists():
+        empty = np.empty((0, 3))
+        return Truth(np.empty(0), empty, frame=frame, closed_loop=closed) if closed else None
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+        table = {
+            name: np.array([float(row[name]) if row[name] else np.nan for row in rows])
+            for name in (rows[0] if rows else ["time_s", *_POSITION])
+        }
+        position = _stack(table, _POSITION)
+        velocity = _stack(table, _VELOCITY) if "vel_e" in table else None
+        stance = table["stance"] > 0.5 if "stance" in table else None
+        return Truth(table["time_s"], position, velocity, stance, frame, closed)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise SolenavError(
+            f"{path} is no truth table: {error}",
+            "it needs the columns time_s, east_m, north_m, up_m; delete it to go without",
+        ) from None
+
+
+def _stack(table: dict[str, FloatArray], names: list[str]) -> FloatArray:
+    return np.stack([table[name] for name in names], axis=1)
+
+
+def truth_notes(truth: Truth | None) -> dict[str, Any] | None:
+    """The sidecar's entry for a truth."""
+    if truth is None:
+        return None
+    return {"frame": truth.frame, "closed_loop": truth.closed_loop}

@@ -1,0 +1,176 @@
+"""Run the core over samples and write down what the firmware would have sent."""
+
+from __future__ import annotations
+
+from array import array
+from binascii import crc32
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solenav import engines
+from solenav.capture.contents import Capture, unwrap
+from solenav.capture.file import CaptureWriter
+from solenav.capture.sidecar import truth_notes, write_sidecar, write_truth
+from solenav.engines.source import fingerprint
+from solenav.link import FrameWriter
+from solenav.recording import Truth
+from solenav_core import messages, navigator
+
+FRAGMENT = 192  # bytes of state in one SNAPSHOT frame
+_BUFFER = 256
+
+
+@dataclass
+class Samples:
+    """Raw samples: `time_us` (n,) board time, `counts` (n, 6), `temperature`, `flags` (n,)."""
+
+    time_us: NDArray[np.int64]
+    counts: NDArray[np.int16]
+    temperature: NDArray[np.int16]
+    flags: NDArray[np.uint8]
+
+
+def samples_of(capture: Capture) -> Samples:
+    """A capture's samples, those before a restart or gap included."""
+    rows = capture.samples.rows
+    time_us = np.rint(unwrap(rows["time"]) * 1e6).astype(np.int64)
+    return Samples(time_us, capture.sample_counts, rows["temperature"], rows["flags"])
+
+
+class _Pen:
+    """Packs messages from a state."""
+
+    def __init__(self) -> None:
+        self.frames = FrameWriter()
+        self.buffer = bytearray(_BUFFER)
+
+    def packed(self, kind: int, tick: int, pack: Callable[..., int], *arguments: Any) -> bytes:
+        end = pack(self.buffer, 0, *arguments)
+        return self.frames.frame(kind, tick, bytes(self.buffer[:end]))
+
+    def sample(self, tick: int, samples: Samples, row: int) -> bytes:
+        return self.packed(messages.SAMPLE, tick, _pack_sample, samples, row)
+
+
+def _pack_sample(buffer: bytearray, at: int, samples: Samples, row: int) -> int:
+    messages.pack_into(
+        messages.FORMATS[messages.SAMPLE],
+        buffer,
+        at,
+        int(samples.time_us[row]) & 0xFFFFFFFF,
+        *samples.counts[row].tolist(),
+        int(samples.temperature[row]),
+        int(samples.flags[row]),
+    )
+    return at + messages.SIZES[messages.SAMPLE]
+
+
+def _opening(pen: _Pen, params: array[int], text: str, pose_every: int) -> bytes:
+    """HELLO and PARAMS of a run made on the host."""
+    hello = bytearray(_BUFFER)
+    messages.pack_into(
+        messages.FORMATS[messages.HELLO],
+        hello,
+        0,
+        messages.SCHEMA,
+        int(fingerprint()[:8], 16),
+        crc32(params),
+        params[messages.NAMES.index("RATE_MHZ")],
+        pose_every,
+        0,
+        0,
+        0,
+    )
+    payload = bytes(hello[: messages.SIZES[messages.HELLO]]) + text.encode()
+    frames = pen.frames.frame(messages.HELLO, 0, payload)
+    return frames + pen.frames.frame(messages.PARAMS, 0, params.tobytes())
+
+
+def fragments(pen: FrameWriter, tick: int, state: bytes) -> Iterator[bytes]:
+    """The SNAPSHOT frames of a state."""
+    for offset in range(0, len(state), FRAGMENT):
+        head = offset.to_bytes(2, "little") + len(state).to_bytes(2, "little")
+        yield pen.frame(messages.SNAPSHOT, tick, head + state[offset : offset + FRAGMENT])
+
+
+def write_samples(
+    path: Path,
+    samples: Samples,
+    params: array[int],
+    *,
+    text: str,
+    notes: dict[str, Any],
+    truth: Truth | None,
+) -> None:
+    """A capture of samples alone, as `simulate` and `import` make it, with sidecar and truth."""
+    pen = _Pen()
+    with CaptureWriter(path, flush=False) as writer:
+        writer.write(0.0, _opening(pen, params, text, 0))
+        for row in range(len(samples.counts)):
+            writer.write(samples.time_us[row] * 1e-6, pen.sample(row + 1, samples, row))
+    finish(path, notes, truth)
+
+
+def finish(path: Path, notes: dict[str, Any], truth: Truth | None) -> None:
+    """Sidecar and truth beside a capture."""
+    about = truth_notes(truth)
+    write_sidecar(path, {**notes, **({"truth": about} if about else {})})
+    if truth is not None and len(truth.time_s):
+        write_truth(path, truth)
+
+
+def replay(
+    capture: Capture,
+    path: Path,
+    *,
+    engine: str,
+    pose_every: int = 1,
+    snapshot_s: float = 10.0,
+    progress: Callable[[int], None] = lambda done: None,
+) -> engines.Engine:
+    """Run an engine over all samples of a capture, as one run, and write the frames of it.
+
+    A POSE on every `pose_every`-th tick, a SNAPSHOT every `snapshot_s` seconds; `progress` gets
+    the number of samples done now and then. SolenavError where there is nothing to run on.
+    """
+    capture.need_samples()
+    params = capture.params[0][1]
+    samples = samples_of(capture)
+    runner = engines.create(engine, params)
+    every = round(snapshot_s * capture.rate_hz())
+    pen = _Pen()
+    with CaptureWriter(path, flush=False) as writer:
+        writer.write(0.0, _opening(pen, params, f"replay on {engine}", pose_every))
+        for row in range(len(samples.counts)):
+            _row, events = runner.advance(samples.counts, row, row + 1)
+            tick = row + 1
+            data = pen.sample(tick, samples, row)
+            data += _after_tick(pen, runner, tick, events, pose_every, every)
+            writer.write(samples.time_us[row] * 1e-6, data)
+            if row % 200 == 0:
+                progress(row)
+    progress(len(samples.counts))
+    finish(path, {**capture.sidecar, "replayed": engine}, capture.truth)
+    return runner
+
+
+def _after_tick(
+    pen: _Pen, runner: engines.Engine, tick: int, events: int, pose_every: int, every: int
+) -> bytes:
+    """What the firmware sends after a tick, in its order."""
+    data = b""
+    state = runner.state
+    if events & navigator.ALIGNED:
+        data += pen.packed(messages.ALIGN, tick, messages.pack_align, state)
+    if events & navigator.STEP:
+        data += pen.packed(messages.STEP, tick, messages.pack_step, state)
+    if runner.navigating and tick % pose_every == 0:
+        data += pen.packed(messages.POSE, tick, messages.pack_pose, state, runner.params)
+    if every and tick % every == 0:
+        data += b"".join(fragments(pen.frames, tick, runner.snapshot()))
+    return data
