@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
+
 from solenav import mpu9150
 from solenav.datasets import FORMATS, checks, read
 from solenav.errors import SolenavError

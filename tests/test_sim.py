@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from solenav.errors import SolenavError
 from solenav.recording import FloatArray, Recording, Truth
 from solenav.sim.gait import SCENARIOS, motion

@@ -51,7 +51,5 @@ def to_capture(
         "notes": recording.notes,
     }
     text = f"host; {recording.source}"
-    replay.write_samples(
-        path, samples, params, text=text, notes=notes, truth=recording.truth
-    )
+    replay.write_samples(path, samples, params, text=text, notes=notes, truth=recording.truth)
     return notes

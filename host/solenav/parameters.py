@@ -1,7 +1,7 @@
 """Parameters in SI units, and their conversion to the integers that the core runs on.
 
 `Settings` is what a person sets; `to_integers` makes the core's parameter array for a sample
-rate. Defaults: Guo, Xu, Ji 2020, table 1, as read by the project's algorithm page, at 200 Hz;
+rate. Defaults: Guo, Xu, Ji 2020, table 1, as read by docs/algorithm.md, at 200 Hz;
 what counts samples or accumulates per sample scales with the rate.
 """
 
@@ -63,7 +63,7 @@ class Settings:
 def _limits() -> dict[str, tuple[int, int]]:
     """Least and largest value of each integer that keeps every word of the core in range."""
     word = 2**30 - 1
-    limits = {name: (0, word) for name in params.NAMES}
+    limits = dict.fromkeys(params.NAMES, (0, word))
     limits |= {
         "ACC_SCALE": (1, 32767),
         "HALF_ANGLE": (1, 2**26),
@@ -187,4 +187,3 @@ def checked(values: list[int]) -> array[int]:
 def named(values: array[int]) -> dict[str, int]:
     """Parameter names to values."""
     return dict(zip(params.NAMES, values, strict=True))
-

@@ -2,8 +2,8 @@
 
 A sample is still while no axis leaves its limit around the first still sample. The stretch ends
 after ALIGN_TICKS, or with the first motion once it has lasted ALIGN_MIN: people walk off early.
-Motion before that starts the stretch anew. No magnetometer is needed: the body's front axis gets the heading of
-parameters YAW_W and YAW_Z (algorithm page, "Static start").
+Motion before that starts the stretch anew. No magnetometer is needed: the body's front axis
+gets the heading of parameters YAW_W and YAW_Z.
 """
 
 from solenav_core.compat import const, micropython, ptr32

@@ -1,4 +1,4 @@
-"""Variances of velocity, position and tilt: one scalar set per axis (algorithm page, step 2).
+"""Variances of velocity, position and tilt: one scalar set per axis (docs/algorithm.md, step 2).
 
 East and North velocity errors grow with the tilt about the other axis (gamma = g dt); Up has no
 such coupling. The tilt of set E is the one about North, of set N the one about minus East, so

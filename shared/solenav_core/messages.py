@@ -197,7 +197,9 @@ OPEN = (HELLO, ACK, ASK_HELLO)
 
 def form(fields):
     """The `struct` format of a message's fields, without trailing bytes."""
-    return "<" + "".join(["%d%s" % (n, c) if n > 1 else c for _f, c, n, _q, _m in fields if c != "*"])
+    return "<" + "".join(
+        ["%d%s" % (n, c) if n > 1 else c for _f, c, n, _q, _m in fields if c != "*"]
+    )
 
 
 FORMATS = {kind: form(fields) for kind, _name, _when, fields in MESSAGES}

@@ -13,8 +13,8 @@ from solenav_core.compat import const, micropython, ptr32
 from solenav_core.covariance import grow
 from solenav_core.detector import detect, push
 from solenav_core.layout import SAMPLE_FIELDS, STATE_FIELDS, WORK_FIELDS, size
-from solenav_core.qmath import clamp
 from solenav_core.particles import update
+from solenav_core.qmath import clamp
 from solenav_core.steps import stood, swung
 from solenav_core.strapdown import correct_rate, propagate, recentre
 
@@ -95,7 +95,7 @@ def rest(s: ptr32, p: ptr32, w: ptr32) -> int:
 def tick(s: ptr32, p: ptr32, w: ptr32, t: ptr32, m: ptr32) -> int:
     """One sample `m` into the state `s`; returns the event bits above.
 
-    `p` parameters, `w` work area, `t` tables. Order: algorithm page, "What we run".
+    `p` parameters, `w` work area, `t` tables. Order: docs/algorithm.md.
     """
     if s[_S_TICK] < _TOP:
         s[_S_TICK] = s[_S_TICK] + 1

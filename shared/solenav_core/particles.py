@@ -1,7 +1,7 @@
 """Adaptive particle filter over the error of the INS velocity, run in stance.
 
 100 particles, each a hypothesis of the 3-D velocity error; the INS velocity itself observes it,
-since the foot stands. Guo, Xu, Ji 2020, section 2 and table 1, read as the algorithm page says:
+since the foot stands. Guo, Xu, Ji 2020, section 2 and table 1, read as docs/algorithm.md says:
 adaptive observation noise, adaptive threshold M with retain or revert, H1 and H2 with secondary
 resampling, feedback into velocity, position and tilt.
 """

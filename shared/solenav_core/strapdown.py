@@ -2,7 +2,7 @@
 
 Navigation frame ENU, body frame right-front-up, attitude quaternion body to ENU. Method:
 third- and fourth-order series of the rotation vector, specific force turned to the middle of
-the interval, trapezoidal position (algorithm page, step 1).
+the interval, trapezoidal position (docs/algorithm.md, step 1).
 """
 
 from solenav_core.compat import const, micropython, ptr32

@@ -1,6 +1,6 @@
 """Write `solenav_core/tables/defaults.py`: the parameters at 200 Hz, or check that it is current.
 
-    python tools/tables/defaults.py [--check]
+python tools/tables/defaults.py [--check]
 """
 
 from __future__ import annotations

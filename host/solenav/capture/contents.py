@@ -141,7 +141,9 @@ class Capture:
         start = stamps[0] - (ticks[0] - 1) * period
         seconds = np.interp(tick, ticks, stamps - start)
         # np.interp holds the ends; beyond them the mean period goes on.
-        seconds += np.minimum(tick - ticks[0], 0) * period + np.maximum(tick - ticks[-1], 0) * period
+        seconds += (
+            np.minimum(tick - ticks[0], 0) * period + np.maximum(tick - ticks[-1], 0) * period
+        )
         return seconds
 
     def positions(self) -> FloatArray:

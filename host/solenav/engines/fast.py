@@ -65,18 +65,19 @@ def _write(text: str) -> Path:
     folder = cache_folder()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        probe = tempfile.NamedTemporaryFile("w", dir=folder, delete=False, encoding="utf-8")
+        handle, passing = tempfile.mkstemp(dir=folder)
     except OSError:
         folder = Path(tempfile.mkdtemp(prefix="solenav-"))
-        probe = tempfile.NamedTemporaryFile("w", dir=folder, delete=False, encoding="utf-8")
-    with probe:
-        probe.write(text)
+        handle, passing = tempfile.mkstemp(dir=folder)
+    with open(handle, "w", encoding="utf-8") as file:
+        file.write(text)
     path = folder / name
     if path.exists():
         # Touching it would make numba compile again.
-        Path(probe.name).unlink()
+        Path(passing).unlink()
     else:
-        Path(probe.name).replace(path)
+        # In one step, so that another process never reads half a file.
+        Path(passing).replace(path)
     return path
 
 

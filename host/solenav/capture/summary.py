@@ -1,0 +1,77 @@
+"""What a capture holds, in numbers: for `solenav info` and for deciding whether to trust it."""
+
+from __future__ import annotations
+
+from binascii import crc32
+from typing import Any
+
+import numpy as np
+
+from solenav.capture.contents import Capture, Table, unwrap
+from solenav_core import messages
+
+
+def summary(capture: Capture) -> dict[str, Any]:
+    """Duration, messages, gaps, rates, faults and hashes; nothing in it raises on damage."""
+    out: dict[str, Any] = {
+        "capture": str(capture.path),
+        "messages": dict(capture.counts),
+        "damaged": dict(capture.damaged),
+        "cut_off_bytes": capture.missing_bytes,
+        "wall_clock_s": round(capture.arrival[1] - capture.arrival[0], 3),
+    }
+    if capture.hellos:
+        _order, hello = capture.hellos[-1]
+        out["firmware"] = {
+            "text": hello["text"].decode("utf-8", "replace"),
+            "build": f"{hello['build']:08x}",
+            "schema": f"{hello['schema']:04x}",
+            "schema_is_ours": hello["schema"] == messages.SCHEMA,
+            "sensor": messages.SENSORS[min(hello["sensor"], len(messages.SENSORS) - 1)],
+            "rate_hz": hello["rate"] / 1000,
+        }
+    if capture.params:
+        out["params"] = f"{crc32(capture.params[-1][1]):08x}"
+    if len(capture.samples):
+        out["samples"] = _samples(capture)
+    if len(capture.aligns):
+        out["alignment"] = _alignment(capture.aligns)
+    if len(capture.statuses):
+        last = capture.statuses.rows[-1]
+        out["status"] = {
+            name: int(last[name]) for name in last.dtype.names if name not in ("mode", "period")
+        }
+        out["status"]["learned_period_us"] = round(int(last["period"]) / 256, 3)
+    out["log"] = [f"tick {tick}, {level}: {text}" for tick, level, text in capture.logs]
+    return out
+
+
+def _samples(capture: Capture) -> dict[str, Any]:
+    ticks = capture.samples.tick
+    lost = np.diff(ticks) - 1
+    lost = lost[lost > 0]  # a restart counts from 1 again and loses nothing
+    flags = capture.samples.rows["flags"]
+    stamps = unwrap(capture.samples.rows["time"])
+    steps = np.diff(stamps)[np.diff(ticks) == 1]
+    return {
+        "count": len(ticks),
+        "duration_s": round(float(stamps[-1] - stamps[0]), 3),
+        "measured_rate_hz": round(1 / float(np.mean(steps)), 3) if len(steps) else None,
+        "gaps": len(lost),
+        "missing": int(lost.sum()),
+        "longest_gap": int(lost.max()) if len(lost) else 0,
+        "clipped_accel": int(np.count_nonzero(flags & messages.CLIPPED_ACC)),
+        "clipped_gyro": int(np.count_nonzero(flags & messages.CLIPPED_GYRO)),
+        "overrun": int(np.count_nonzero(flags & messages.GAP_BEFORE)),
+    }
+
+
+def _alignment(aligns: Table) -> dict[str, Any]:
+    row = aligns.rows[-1]
+    return {
+        "tick": int(aligns.tick[-1]),
+        "ticks_used": int(row["ticks"]),
+        "restarts": int(row["restarts"]),
+        "gravity": round(int(row["gravity"]) / 2**20, 4),
+        "bias_dps": [round(float(b) / 2**20 / 16.4, 4) for b in row["bias"]],
+    }

@@ -1,0 +1,48 @@
+"""Fixtures that several test files share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+from solenav import capture, importing, replay
+from solenav.sim.scenario import simulate
+
+# The first call may compile; nothing here is timed.
+settings.register_profile("solenav", deadline=None)
+settings.load_profile("solenav")
+
+
+@pytest.fixture(scope="session")
+def data() -> Path:
+    """The folder of real recordings beside the checkout; skips where there is none."""
+    folder = Path(__file__).parents[2] / "shared" / "data"
+    if not folder.is_dir():
+        pytest.skip("the recorded data (../shared/data) is not here")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A capture of samples: 30 s of the closed loop, standing start and some strides."""
+    recording = simulate("loop", seed=3)
+    count = int(30 * recording.rate_hz)
+    truth = recording.truth
+    assert truth is not None and truth.velocity_enu is not None and truth.stance is not None
+    for name in ("time_s", "accel", "gyro"):
+        setattr(recording, name, getattr(recording, name)[:count])
+    for name in ("time_s", "position_enu", "velocity_enu", "stance"):
+        setattr(truth, name, getattr(truth, name)[:count])
+    truth.closed_loop = False
+    path = tmp_path_factory.mktemp("walk") / "walk.solcap"
+    importing.to_capture(recording, path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def replayed(walk: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The walk with everything that the firmware would have sent."""
+    path = tmp_path_factory.mktemp("replayed") / "replayed.solcap"
+    replay.replay(capture.load(walk), path, engine="fast")
+    return path

@@ -1,0 +1,54 @@
+"""Parameters: SI in, integers that the core can hold out."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from solenav import parameters
+from solenav.errors import SolenavError
+from solenav_core import params
+from solenav_core.tables.defaults import PARAMS
+
+
+def value(settings: parameters.Settings, rate: float, name: str) -> int:
+    return parameters.to_integers(settings, rate)[params.NAMES.index(name)]
+
+
+def test_the_boards_defaults_are_the_hosts_at_200_hz() -> None:
+    assert parameters.to_integers(parameters.Settings(), 200.0) == PARAMS
+
+
+@given(st.floats(50.0, 600.0))
+def test_every_rate_in_range_gives_parameters_in_range(rate: float) -> None:
+    parameters.checked(list(parameters.to_integers(parameters.Settings(), rate)))
+
+
+@given(st.floats(50.0, 600.0))
+def test_times_stay_the_same_at_every_rate(rate: float) -> None:
+    settings = parameters.Settings()
+    assert value(settings, rate, "ALIGN_TICKS") / rate == pytest.approx(1.0, rel=0.01)
+    assert value(settings, rate, "DT") / 2**30 == pytest.approx(1 / rate, rel=1e-6)
+    assert value(settings, rate, "R") / 2**24 * 200 / rate == pytest.approx(0.01, rel=1e-3)
+
+
+@given(st.floats(-720.0, 720.0))
+def test_the_initial_heading_is_clockwise_from_north(heading: float) -> None:
+    settings = parameters.Settings(initial_heading_deg=heading)
+    w, z = (value(settings, 200.0, name) / 2**30 for name in ("YAW_W", "YAW_Z"))
+    # Turning by psi about Up takes North to azimuth -psi.
+    psi = 2 * math.atan2(z, w)
+    assert math.cos(-psi - math.radians(heading)) == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("rate", [0.0, 20.0, 1000.0, float("nan")])
+def test_a_rate_that_the_core_cannot_hold_is_refused(rate: float) -> None:
+    with pytest.raises(SolenavError, match="sample rate"):
+        parameters.to_integers(parameters.Settings(), rate)
+
+
+def test_a_setting_that_a_word_cannot_hold_is_refused_by_name() -> None:
+    with pytest.raises(SolenavError, match="RATE_MAX"):
+        parameters.to_integers(parameters.Settings(rate_max_dps=2000.0), 200.0)

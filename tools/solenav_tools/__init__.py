@@ -1,0 +1,1 @@
+"""What people run: the `solenav` command and everything that touches a device."""

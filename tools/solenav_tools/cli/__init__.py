@@ -1,0 +1,1 @@
+"""The `solenav` command: one thin module per subcommand."""

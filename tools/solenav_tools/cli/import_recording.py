@@ -1,0 +1,49 @@
+"""`solenav import`: a public recording as a capture of MPU-9150 counts."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from solenav import datasets, importing
+from solenav_tools.cli.output import Json, check_output, say, say_json, warn
+
+Format = Enum("Format", {name: name for name in datasets.FORMATS}, type=str)  # type: ignore[misc]
+
+
+class Foot(str, Enum):
+    """Which foot, where a file holds both."""
+
+    left = "left"
+    right = "right"
+
+
+def import_recording(
+    file: Annotated[Path, typer.Argument(help="The recording.")],
+    format: Annotated[Format, typer.Option("--format", "-f", help="Whose format it has.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="Capture to write; default: FILE.solcap here."),
+    ] = None,
+    foot: Annotated[Foot, typer.Option(help="Where the file holds both feet.")] = Foot.right,
+    as_json: Json = False,
+) -> None:
+    """Turn a public foot-mounted recording into MPU-9150 counts (±16 g, ±2000 °/s)."""
+    recording = datasets.read(file, format.value, foot=foot.value)
+    target = check_output(output or Path(f"{recording.name}.solcap"), ".solcap")
+    notes = importing.to_capture(recording, target)
+    for what in ("accel", "gyro"):
+        if notes[f"clipped_{what}"]:
+            warn(
+                f"{notes[f'clipped_{what}']} samples clipped at the MPU-9150's full scale ({what})"
+            )
+    if as_json:
+        say_json({"capture": str(target), "truth": recording.truth is not None, **notes})
+        return
+    truth = "with truth" if recording.truth is not None else "no truth"
+    say(f"{target}: {notes['samples']} samples at {recording.rate_hz:.2f} Hz, {truth}")
+    for key, value in recording.notes.items():
+        say(f"  {key}: {value}")

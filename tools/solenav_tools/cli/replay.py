@@ -1,0 +1,40 @@
+"""`solenav replay`: the core over a capture's samples, on the host."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from solenav import capture, engines
+from solenav import replay as replaying
+from solenav_tools.cli.output import CaptureFile, Json, check_output, progress, say, say_json
+from solenav_tools.outcome import need_alignment
+
+EngineName = Enum("EngineName", {name: name for name in engines.NAMES}, type=str)  # type: ignore[misc]
+
+
+def replay(
+    file: CaptureFile,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Capture to write.")],
+    engine: Annotated[
+        EngineName | None, typer.Option(help="Default: fast where numba is installed, else pure.")
+    ] = None,
+    pose_every: Annotated[int, typer.Option(min=1, help="A POSE on every n-th tick.")] = 1,
+    as_json: Json = False,
+) -> None:
+    """Run the core over a capture's samples and write what the firmware would have sent."""
+    check_output(output, ".solcap")
+    source = capture.load(file)
+    name = engine.value if engine else engines.default_name()
+    with progress(f"replaying on {name}", len(source.samples)) as done:
+        runner = replaying.replay(source, output, engine=name, pose_every=pose_every, progress=done)
+    result = {"capture": str(output), "engine": name, "samples": len(source.samples)}
+    result["digest"] = f"{runner.digest():08x}"
+    need_alignment(runner.navigating, source, output)
+    if as_json:
+        say_json(result)
+    else:
+        say(f"{output}: {result['samples']} ticks on {name}, last digest {result['digest']}")
