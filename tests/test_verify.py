@@ -48,9 +48,7 @@ def test_a_replayed_walk_is_proven_on_every_tick(replayed: Path) -> None:
 
 
 def test_pure_proves_what_fast_wrote(replayed: Path, tmp_path: Path) -> None:
-    short = rewritten(
-        replayed, tmp_path / "short.solcap", lambda f: [f] if f.tick <= 1000 else []
-    )
+    short = rewritten(replayed, tmp_path / "short.solcap", lambda f: [f] if f.tick <= 1000 else [])
     report = verify(capture.load(short), "pure")
     assert report.verified and report.covered_ticks == 1000
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solenav import mpu9150
+from solenav import mpu9150, parameters
 from solenav.capture.contents import Capture
 from solenav.errors import SolenavError
 from solenav.evaluate import Comparison, Evaluation, compare, last_run, measure, rmse
@@ -109,7 +109,7 @@ def _gather(capture: Capture) -> _Walk:
     figures = measure(run, truth)
     known = truth if truth is not None and len(truth.time_s) else None
     rows = run.poses.rows
-    params = dict(zip(messages.NAMES, run.params[0][1], strict=True)) if run.params else {}
+    params = parameters.named(run.params[0][1]) if run.params else {}
     stance = (rows["flags"] & messages.IN_STANCE) > 0
     locked = stance & (rows["threshold"] >= params.get("M_B", 2**16))
     rate_time, rate = _rate(run)
@@ -261,7 +261,7 @@ def _height(axes: Any, walk: _Walk) -> None:
     if walk.truth is not None and walk.comparison is not None:
         up = walk.comparison.alignment.moved(walk.truth.position_enu)[:, 2]
         if np.isfinite(up).any():
-            _truth_line(axes, walk.truth.time_s, np.asarray(walk.truth.time_s), up)
+            _truth_line(axes, walk.truth.time_s, walk.truth.time_s, up)
     axes.set_ylabel("Up, m")
 
 
@@ -274,8 +274,97 @@ def _velocity(axes: Any, walk: _Walk) -> None:
 
 
 def _filter(axes: Any, walk: _Walk) -> None:
-    pass
+    """M and N_eff where they have a meaning: in stance."""
+    stood = np.where(walk.stance, 1.0, np.nan)
+    other = axes.twinx()
+    axes.plot(*_envelope(walk.time, walk.n_eff * stood), color=BLUE, linewidth=0.8)
+    other.plot(*_envelope(walk.time, walk.threshold * stood), color=RED, linewidth=0.9)
+    marks = np.full(len(walk.lockouts), 0.97)
+    axes.plot(
+        walk.time[walk.lockouts], marks, "v", color=INK, transform=axes.get_xaxis_transform()
+    )
+    axes.set_title(
+        f"Particles in stance: {walk.resampled} resamplings, {len(walk.lockouts)} lock-outs (▼)"
+    )
+    axes.set_ylim(0, 110)
+    other.set_ylim(0, 0.55)
+    _own_axis(axes, other, ("effective sample size N_eff", BLUE), ("threshold M", RED))
+
+
+def _own_axis(axes: Any, other: Any, left: tuple[str, str], right: tuple[str, str]) -> None:
+    """Twin axes, each labelled in the colour of its line."""
+    other.grid(False)
+    other.spines["right"].set_visible(True)
+    for side, (label, colour) in ((axes, left), (other, right)):
+        side.set_ylabel(label, color=colour)
+        side.tick_params(axis="y", colors=colour)
+
+
+def _window(walk: _Walk) -> tuple[float, float]:
+    """`ZOOM_S` seconds around the step in mid-walk, or around the middle."""
+    start, end = float(walk.time[0]), float(walk.time[-1])
+    middle = float(walk.time[walk.steps[len(walk.steps) // 2]]) if len(walk.steps) else (start + end) / 2
+    begin = max(start, min(middle - ZOOM_S / 2, end - ZOOM_S))
+    return begin, max(min(begin + ZOOM_S, end), begin + 0.1)
 
 
 def _close_up(panels: Any, walk: _Walk, window: tuple[float, float]) -> None:
-    pass
+    """Velocity and the detector's signals, sample by sample."""
+    speed, force, rate = panels
+    poses = _within(walk.time, window)
+    samples = _within(walk.rate_time, window)
+    time = walk.time[poses]
+    for axis, (name, colour) in enumerate(zip("ENU", AXIS_COLOURS, strict=True)):
+        speed.plot(time, walk.velocity[poses, axis], color=colour, linewidth=1.2, label=name)
+    speed.set_ylabel("velocity, m/s")
+    speed.set_title(f"{window[1] - window[0]:.0f} seconds from close up (stance shaded)")
+    speed.legend(ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
+
+    force.plot(time, walk.acc_norm[poses], color=INK, linewidth=1.0)
+    force.set_ylabel("|a|, m/s²")
+    rate.plot(walk.rate_time[samples], walk.rate[samples], color=INK, linewidth=1.0)
+    rate.set_ylabel("|ω|, °/s")
+    rate.set_yscale("log")
+    if not len(walk.rate_time):
+        rate.text(0.5, 0.5, "no samples in this capture", transform=rate.transAxes, ha="center")
+    for axes, name in ((force, "acc_min"), (force, "acc_max"), (rate, "rate_max")):
+        if name in walk.limits:
+            axes.axhline(walk.limits[name], color=PURPLE, linewidth=1.0, linestyle=(0, (4, 2)))
+    for axes in panels:
+        axes.set_xlim(*window)
+        _shade(axes, walk)
+
+
+def _within(time: FloatArray, window: tuple[float, float]) -> slice:
+    first, last = np.searchsorted(time, window)
+    return slice(max(0, int(first) - 1), int(last) + 1)
+
+
+def _shade(axes: Any, walk: _Walk) -> None:
+    """Shade the stances that are wide enough to be seen in the panel."""
+    change = np.flatnonzero(np.diff(walk.stance.astype(int), prepend=0, append=0))
+    start, stop = walk.time[change[::2]], walk.time[np.minimum(change[1::2], len(walk.time) - 1)]
+    left, right = axes.get_xlim()
+    shown = (stop - start > (right - left) * _THINNEST) & (stop > left) & (start < right)
+    axes.broken_barh(
+        np.column_stack([start, stop - start])[shown].tolist(),
+        (0, 1),
+        transform=axes.get_xaxis_transform(),
+        facecolor=STANCE,
+        linewidth=0,
+        zorder=0,
+    )
+
+
+def _envelope(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A line that looks the same with fewer points: least and largest value of each stretch."""
+    size = len(time) // (_LINE_POINTS // 2)
+    if size < 2:
+        return time, values
+    count = len(time) // size
+    blocks = values[: count * size].reshape(count, size)
+    some = np.isfinite(blocks).any(axis=1)
+    pairs = np.full((count, 2), np.nan)
+    pairs[some, 0] = np.nanmin(blocks[some], axis=1)
+    pairs[some, 1] = np.nanmax(blocks[some], axis=1)
+    return np.repeat(time[: count * size : size], 2), pairs.ravel()

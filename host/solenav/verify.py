@@ -7,9 +7,9 @@ After a gap the next SNAPSHOT is where it goes on.
 
 from __future__ import annotations
 
+import dataclasses
 from array import array
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -47,7 +47,7 @@ _STAGES = {
 }
 
 
-@dataclass
+@dataclasses.dataclass
 class Difference:
     """Where host and capture part: the first field, in the order of the tick, that differs."""
 
@@ -57,10 +57,10 @@ class Difference:
     field: str
     capture: int
     host: int
-    also: list[str] = field(default_factory=list)
+    also: list[str] = dataclasses.field(default_factory=list)
 
 
-@dataclass
+@dataclasses.dataclass
 class Report:
     """What a verification found. `verified` is True where all that was compared is equal."""
 
@@ -69,7 +69,7 @@ class Report:
     replayed: int = 0  # samples that the core was run over
     compared_ticks: int = 0  # ticks with at least one message to compare
     covered_ticks: int = 0  # ticks whose outcome a later equal digest of the same stretch proves
-    compared: dict[str, int] = field(default_factory=dict)  # messages by type
+    compared: dict[str, int] = dataclasses.field(default_factory=dict)  # messages by type
     gaps: int = 0
     missing_samples: int = 0  # lost samples between the first and the last
     unchecked_samples: int = 0  # there, but after a gap and before the next snapshot
@@ -80,7 +80,7 @@ class Report:
         return self.difference is None and self.compared_ticks > 0
 
     def as_dict(self) -> dict[str, Any]:
-        return {"verified": self.verified, **asdict(self)}
+        return {"verified": self.verified, **dataclasses.asdict(self)}
 
 
 class _Run:
@@ -96,7 +96,7 @@ class _Run:
         self.row = 0
         self.in_step = True  # the engine's state is that of the board
         self.waiting = 0  # ticks since the last comparison of this stretch
-        self.last_compared = -1
+        self.last_compared = (-1, -1)
 
     def restart(self, params: array[int]) -> None:
         self.params = params
@@ -135,7 +135,7 @@ class _Run:
         self.report.compared[name] = self.report.compared.get(name, 0) + 1
         if (self.tick, self.row) != self.last_compared:
             self.report.compared_ticks += 1
-        self.last_compared = (self.tick, self.row)  # type: ignore[assignment]
+        self.last_compared = (self.tick, self.row)
         self.report.covered_ticks += self.waiting
         self.waiting = 0
 

@@ -154,8 +154,8 @@ class Capture:
 
 def unwrap(time_us: NDArray[Any]) -> FloatArray:
     """Board time stamps (µs modulo 2**32, in order) to seconds without wraps."""
-    steps = np.diff(time_us.astype(np.int64)) % 2**32
-    return np.concatenate([[0.0], np.cumsum(steps)]) * 1e-6 + float(time_us[0]) * 1e-6
+    steps: NDArray[np.int64] = np.diff(time_us.astype(np.int64))
+    return np.concatenate([[0.0], np.cumsum(steps % 2**32)]) * 1e-6 + float(time_us[0]) * 1e-6
 
 
 class _Snapshots:
@@ -186,7 +186,8 @@ def load(path: Path) -> Capture:
     payloads = {kind: bytearray() for kind in _TABLES}
     ticks: dict[int, list[int]] = {kind: [] for kind in _TABLES}
     orders: dict[int, list[int]] = {kind: [] for kind in _TABLES}
-    out = Capture(path, read_sidecar(path), *[_empty(kind) for kind in _TABLES])
+    none = [_empty(kind) for kind in _TABLES]
+    out = Capture(path, read_sidecar(path), none[0], none[1], none[2], none[3], none[4])
     snapshots = _Snapshots()
     order = 0
     arrivals: list[float] = []

@@ -1,0 +1,210 @@
+"""The loop: samples into the core, messages out, commands in."""
+
+from time import ticks_diff, ticks_ms, ticks_us
+
+import machine
+
+import config
+import reports
+from link import Link
+from mpu9150 import Mpu9150, SensorError
+from sampler import Sampler
+from solenav_core import messages, navigator
+from solenav_core.framing import HEADER
+from solenav_core.layout import STATE_FIELDS, offsets
+from solenav_core.params import NAMES
+from solenav_core.tables.lookup import TABLES
+
+_INFO, _WARNING, _ERROR = 0, 1, 2
+_TICK = offsets(STATE_FIELDS)["TICK"]
+_MODE = offsets(STATE_FIELDS)["MODE"]
+_RATE = NAMES.index("RATE_MHZ")
+
+
+class Application:
+    """Everything between the board's pins and the core.
+
+    `settings`, `params`, `problems` are what `config.load` returned.
+    """
+
+    def __init__(self, board, settings, params, problems):
+        rate = params[_RATE]
+        self.link = Link(board.uart)
+        self.sensor = Mpu9150(board.i2c)
+        self.sampler = Sampler(self.sensor, board.ready, rate)
+        self.params = params
+        self.state = navigator.new_state(params)
+        self.work = navigator.new_work()
+        self.board = board
+        self.build = config.build()
+        self.problems = problems
+        self.send_samples = settings["send_samples"]
+        self.pose_every = settings["pose_every"]
+        self.second = max(1, (rate + 500) // 1000)  # ticks
+        self.snapshot_ticks = settings["snapshot_s"] * self.second
+        self.wanted = settings["autostart"]
+        self.mode = messages.IDLE
+        self.snapshot_asked = False
+        self.worst = 0
+        self.complaint = ""
+        self.beat = ticks_ms()
+        self.commands = {
+            messages.ASK_HELLO: self.announce,
+            messages.ASK_START: self.start,
+            messages.ASK_STOP: self.stop,
+            messages.ASK_SNAPSHOT: self.ask_snapshot,
+        }
+
+    def run(self):
+        """For ever."""
+        try:
+            self.wake()
+        except SensorError as error:
+            self.announce()
+            self.fail(error)
+        for problem in self.problems:
+            self.log(_ERROR, problem)
+        while True:
+            command = self.link.receive(self.state[_TICK])
+            if command:
+                self.obey(command)
+            waiting = False
+            if self.mode == messages.ALIGNING or self.mode == messages.RUNNING:
+                try:
+                    waiting = self.sampler.ready()
+                    if waiting and self.sampler.read():
+                        self.advance()
+                except SensorError as error:
+                    self.fail(error)
+            elif ticks_diff(ticks_ms(), self.beat) >= 1000:
+                self.rest()
+            self.link.pump()
+            if not waiting:
+                machine.idle()
+
+    def advance(self):
+        """One sample through the core, and the messages that it gives rise to."""
+        state = self.state
+        began = ticks_us()
+        events = navigator.tick(state, self.params, self.work, TABLES, self.sampler.sample)
+        spent = ticks_diff(ticks_us(), began)
+        if spent > self.worst:
+            self.worst = spent
+        link = self.link
+        tick = state[_TICK]
+        if self.send_samples:
+            reports.sample(link, tick, self.sampler, self.sensor.temperature())
+        if events & navigator.ALIGNED:
+            self.mode = messages.RUNNING
+            link.send(messages.ALIGN, tick, messages.pack_align(link.frame, HEADER, state))
+        if events & navigator.STEP:
+            link.send(messages.STEP, tick, messages.pack_step(link.frame, HEADER, state))
+        if state[_MODE] and self.pose_every and tick % self.pose_every == 0:
+            end = messages.pack_pose(link.frame, HEADER, state, self.params)
+            link.send(messages.POSE, tick, end)
+        due = self.snapshot_ticks and tick % self.snapshot_ticks == 0
+        if due or self.snapshot_asked:
+            self.snapshot_asked = False
+            reports.snapshot(link, tick, state)
+        if tick % self.second == 0:
+            self.status()
+        if events & navigator.LOCKED_OUT:
+            self.log(_WARNING, "zero velocity taken for granted: the filter had been locked out")
+
+    def rest(self):
+        """Once a second without samples: tell the host, try a failed sensor again."""
+        self.beat = ticks_ms()
+        self.sampler.keep_time()
+        if self.mode == messages.FAULT:
+            try:
+                self.retry()
+                self.log(_INFO, "the sensor works again")
+                self.complaint = ""
+            except SensorError as error:
+                self.fail(error)
+        self.status()
+
+    def retry(self):
+        """Go on where sampling broke off; SensorError where the sensor still fails."""
+        if self.wanted and self.state[_TICK]:
+            self.sampler.resume()
+            self.mode = messages.RUNNING if self.state[_MODE] else messages.ALIGNING
+        else:
+            self.wake()
+
+    def fail(self, error):
+        """The sensor is out: say so once, and go on trying."""
+        self.mode = messages.FAULT
+        self.beat = ticks_ms()
+        if str(error) != self.complaint:
+            self.complaint = str(error)
+            self.log(_ERROR, self.complaint)
+
+    def wake(self):
+        """Find the sensor, say who is here, sample if wanted. SensorError."""
+        self.sensor.wake()
+        self.announce()
+        if not self.wanted:
+            self.sensor.sleep()
+            self.mode = messages.IDLE
+            return
+        rate = self.sampler.start()
+        self.mode = messages.ALIGNING
+        nominal = self.params[_RATE]
+        if abs(rate - nominal) * 100 > nominal:
+            self.log(
+                _WARNING,
+                "the sensor's nearest rate is %d mHz, the parameters are for %d" % (rate, nominal),
+            )
+
+    def obey(self, command):
+        """Carry out a command, then acknowledge it."""
+        action = self.commands.get(command)
+        result = messages.UNKNOWN
+        if action:
+            result = messages.DONE
+            try:
+                action()
+            except SensorError as error:
+                self.fail(error)
+                result = messages.REFUSED
+        self.link.acknowledge(result, self.state[_TICK])
+
+    def announce(self):
+        tick = self.state[_TICK]
+        # fmt: off
+        reports.hello(
+            self.link, tick, self.params, self.pose_every, self.sensor.kind, self.board.name,
+            self.build,
+        )
+        # fmt: on
+        reports.parameters(self.link, tick, self.params)
+
+    def start(self):
+        """A fresh static start."""
+        navigator.reset(self.state, self.params)
+        self.wanted = True
+        self.wake()
+
+    def stop(self):
+        """Idle. A sensor that doesn't answer is no reason to go on."""
+        self.wanted = False
+        self.mode = messages.IDLE
+        self.beat = ticks_ms()
+        try:
+            self.sampler.stop()
+        except SensorError as error:
+            self.log(_WARNING, str(error))
+
+    def ask_snapshot(self):
+        """With the next tick; at once where none is to come."""
+        if self.mode == messages.ALIGNING or self.mode == messages.RUNNING:
+            self.snapshot_asked = True
+        else:
+            reports.snapshot(self.link, self.state[_TICK], self.state)
+
+    def status(self):
+        reports.status(self.link, self.state[_TICK], self.mode, self.sampler, self.worst)
+
+    def log(self, level, text):
+        reports.log(self.link, self.state[_TICK], level, text)

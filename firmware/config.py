@@ -1,0 +1,65 @@
+"""`config.json` beside the firmware: what a person may set, checked; and the build's identity."""
+
+import json
+
+from solenav_core.params import NAMES
+from solenav_core.tables.defaults import PARAMS
+
+_DEFAULTS = {
+    "board": "boards.rp2_pico",
+    "params": {},
+    "pose_every": 4,
+    "send_samples": True,
+    "snapshot_s": 10,
+    "autostart": True,
+}
+
+
+def load():
+    """(settings, parameters as `array('i')`, what is wrong with the file as texts)."""
+    problems = []
+    settings = dict(_DEFAULTS)
+    for key, value in _read("config.json", problems).items():
+        if key not in _DEFAULTS:
+            problems.append("config.json: there is no key %s" % key)
+        elif type(value) is not type(_DEFAULTS[key]):
+            problems.append("config.json: %s can't be %r" % (key, value))
+        elif type(value) is int and not 0 <= value <= 65535:
+            problems.append("config.json: %s = %d is not 0 to 65535" % (key, value))
+        else:
+            settings[key] = value
+    return settings, _parameters(settings["params"], problems), problems
+
+
+def build():
+    """(hash, version) that the stager wrote; (0, "unversioned") for files copied by hand."""
+    staged = _read("build.json", [])
+    return staged.get("hash", 0), staged.get("version", "unversioned")
+
+
+def _parameters(chosen, problems):
+    # A slice is a copy: the table stays as it was generated.
+    params = PARAMS[:]
+    for name, value in chosen.items():
+        if name not in NAMES:
+            problems.append("config.json: there is no parameter %s" % name)
+        elif type(value) is not int or not -(2**31) <= value < 2**31:
+            problems.append("config.json: parameter %s can't be %r" % (name, value))
+        else:
+            params[NAMES.index(name)] = value
+    return params
+
+
+def _read(path, problems):
+    """The file's object; {} without a file, or with one that holds something else."""
+    try:
+        with open(path) as file:
+            found = json.load(file)
+    except OSError:
+        return {}
+    except ValueError:
+        found = None
+    if not isinstance(found, dict):
+        problems.append("%s is no JSON object: defaults used" % path)
+        return {}
+    return found
