@@ -24,9 +24,11 @@ SIZE_IN = (14.0, 10.0)
 DPI = 110
 ZOOM_S = 5.0
 
-BLUE, RED, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#AA4499"
-INK, GREY, STANCE = "#222222", "#666666", "#E4E4E4"
-AXIS_COLOURS = (BLUE, RED, GREEN)
+BLUE, RED, GREEN, PURPLE, YELLOW = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#F0E442"
+INK, GREY, SHADE = "#222222", "#666666", "#E6E6E6"
+_AXES = (("E", BLUE), ("N", RED), ("U", GREEN))
+_DASHED = (0, (4, 2))
+_LEGEND = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
 
 _STYLE = {
     "font.size": 9.5,
@@ -153,72 +155,69 @@ def _rate(run: Capture) -> tuple[FloatArray, FloatArray]:
 
 def _draw(figure: Any, walk: _Walk, title: str) -> None:
     """All panels: on the left the place and the close-up, on the right the whole walk over time."""
-    figure.text(0.05, 0.966, title, fontsize=15, fontweight="bold", color=INK)
-    figure.text(0.05, 0.942, _caption(walk), fontsize=10.5, color=GREY)
+    figure.text(0.05, 0.968, title, fontsize=15, fontweight="bold", color=INK)
+    figure.text(0.05, 0.945, _caption(walk), fontsize=10.5, color=GREY)
     left, right = figure.add_gridspec(
-        1, 2, left=0.05, right=0.95, bottom=0.055, top=0.905, wspace=0.13
+        1, 2, left=0.05, right=0.95, bottom=0.05, top=0.905, wspace=0.15
     )
-    place, close = left.subgridspec(2, 1, height_ratios=(1.0, 0.85), hspace=0.17)
-    whole = right.subgridspec(3, 1, hspace=0.22).subplots(sharex=True)
-    details = close.subgridspec(3, 1, height_ratios=(1.35, 1, 1), hspace=0.12).subplots(sharex=True)
-
-    _trajectory(figure.add_subplot(place), walk)
-    _height(whole[0], walk)
-    _velocity(whole[1], walk)
-    _filter(whole[2], walk)
+    place, close = left.subgridspec(2, 1, height_ratios=(1.0, 1.08), hspace=0.2)
+    whole = right.subgridspec(3, 1, hspace=0.16).subplots(sharex=True)
+    details = close.subgridspec(4, 1, height_ratios=(1.3, 1, 1, 1), hspace=0.13).subplots(
+        sharex=True
+    )
     window = _window(walk)
+    _trajectory(figure.add_subplot(place), walk, window)
+    _whole(whole, walk)
     for axes in whole:
-        axes.axvspan(*window, color="#F0E442", alpha=0.35, linewidth=0)
-        axes.set_xlim(walk.time[0], walk.time[-1])
-    whole[0].set_title("Height")
-    whole[1].set_title("Velocity")
+        axes.axvspan(*window, color=YELLOW, alpha=0.3, linewidth=0, zorder=0.5)
     _close_up(details, walk, window)
-    for axes in (whole[-1], details[-1]):
-        axes.set_xlabel("time from the first sample, s")
-    figure.align_ylabels([*whole, *details])
+    for panels in (whole, details):
+        panels[-1].set_xlabel("time from the first sample, s")
+        figure.align_ylabels(panels)
 
 
 def _caption(walk: _Walk) -> str:
     """The walk's figures in a line."""
     figures = walk.figures
-    parts = [
-        f"{figures.distance_m:.1f} m in {figures.steps} steps, {figures.duration_s:.0f} s",
-    ]
+    parts = [f"{figures.distance_m:.1f} m in {figures.steps} steps and {figures.duration_s:.0f} s"]
     closure = figures.closure
     if closure.meaningful:
-        share = f" ({closure.horizontal_share:.2%})" if closure.horizontal_share else ""
+        share = f" ({closure.horizontal_share:.1%})" if closure.horizontal_share else ""
         parts.append(
-            f"loop closes to {closure.horizontal_m:.2f} m{share}, height {closure.vertical_m:+.2f} m"
+            f"the loop closes to {closure.horizontal_m:.2f} m{share}, height {closure.vertical_m:+.2f} m"
         )
     if walk.comparison is not None:
-        comparison = walk.comparison
-        how = {"none": "as it is", "yaw": "turned and shifted to fit"}[comparison.alignment.mode]
-        error = rmse(comparison.error)
-        height = "" if error.up is None else f", height {error.up:.2f} m"
+        fitted = ", fitted by yaw and shift" if walk.comparison.alignment.mode == "yaw" else ""
+        error = rmse(walk.comparison.error)
+        final = np.hypot(*walk.comparison.error[-1, :2])
         parts.append(
-            f"RMSE {error.horizontal:.2f} m{height}, final error "
-            f"{np.hypot(*comparison.error[-1, :2]):.2f} m "
-            f"({comparison.alignment.points} points of truth, {how})"
+            f"{error.horizontal:.2f} m RMSE, {final:.2f} m at the end, horizontally, against "
+            f"{walk.comparison.alignment.points} points of truth{fitted}"
         )
     return "   ·   ".join(parts)
 
 
-def _trajectory(axes: Any, walk: _Walk) -> None:
-    every = max(1, len(walk.position) // _PATH_POINTS)
-    path = walk.position[::every]
-    axes.plot(path[:, 0], path[:, 1], color=BLUE, linewidth=1.1, label="estimate", zorder=3)
-    steps = walk.position[walk.steps]
+def _trajectory(axes: Any, walk: _Walk, window: tuple[float, float]) -> None:
+    """The way in the plane, with the foot's stands, the truth, and the close-up's stretch."""
+    east, north = walk.position[:, :2].T
+    every = max(1, len(east) // _PATH_POINTS)
+    close = _within(walk.time, window)
     axes.plot(
-        *steps[:, :2].T, "o", color=BLUE, markersize=3.2, markeredgewidth=0, label="steps", zorder=4
+        east[close], north[close], color=YELLOW, alpha=0.6, linewidth=7, solid_capstyle="round"
     )
-    shown = [path[:, :2]]
+    axes.plot(east[::every], north[::every], color=BLUE, linewidth=1.1, label="estimate", zorder=3)
+    axes.plot(
+        east[walk.steps], north[walk.steps], ".", color=BLUE, markersize=6, label="steps", zorder=4
+    )
+    shown = walk.position[::every]
     if walk.truth is not None and walk.comparison is not None:
         truth = walk.comparison.alignment.moved(walk.truth.position_enu)
-        _truth_line(axes, walk.truth.time_s, truth[:, 0], truth[:, 1])
-        shown.append(truth[np.isfinite(truth[:, 0]), :2])
+        _truth(axes, walk.truth.time_s, truth[:, 0], truth[:, 1])
+        shown = np.vstack([shown, truth[np.isfinite(truth[:, 0])]])
     for row, marker, label in ((0, "^", "start"), (-1, "s", "end")):
         axes.plot(
-            *walk.position[row, :2],
+            east[row],
+            north[row],
             marker,
             color="white",
             markeredgecolor=INK,
@@ -228,110 +227,138 @@ def _trajectory(axes: Any, walk: _Walk) -> None:
             label=label,
             zorder=6,
         )
-    _fit(axes, np.vstack(shown))
+    _fit(axes, shown[:, :2])
     axes.set_title("Trajectory")
-    axes.set_xlabel("East, m")
+    axes.set_xlabel("East, m", labelpad=1)
     axes.set_ylabel("North, m")
-    axes.legend(ncols=5, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
+    axes.legend(ncols=5, **_LEGEND)
 
 
-def _truth_line(axes: Any, time: FloatArray, x: FloatArray, y: FloatArray) -> None:
+def _truth(axes: Any, time: FloatArray, x: FloatArray, y: FloatArray) -> None:
     """The truth as a line, or as points where it comes seldom."""
     sparse = len(time) < 2 or float(np.median(np.diff(time))) > _SPARSE_S
+    every = 1 if sparse else max(1, len(time) // _PATH_POINTS)
+    style: dict[str, Any] = {"linewidth": 1.1, "linestyle": _DASHED}
     if sparse:
-        style: dict[str, Any] = {"marker": "x", "markersize": 5.5, "linestyle": "none"}
-        every = 1
-    else:
-        style = {"linewidth": 1.1, "linestyle": (0, (4, 2))}
-        every = max(1, len(time) // _PATH_POINTS)
+        style = {"marker": "x", "markersize": 5.5, "linestyle": "none"}
     axes.plot(x[::every], y[::every], color=RED, label="truth", zorder=5, **style)
 
 
 def _fit(axes: Any, points: FloatArray) -> None:
     """Limits around points (n, 2), at least a metre, with equal scales that fill the panel."""
     low, high = points.min(axis=0), points.max(axis=0)
-    centre, half = (low + high) / 2, np.maximum((high - low) * 0.54, 0.5)
-    axes.set_xlim(centre[0] - half[0], centre[0] + half[0])
-    axes.set_ylim(centre[1] - half[1], centre[1] + half[1])
-    axes.set_aspect("equal", adjustable="datalim")
+    panel = axes.get_position().size * axes.figure.get_size_inches()
+    scale = max(np.max((high - low) * 1.1 / panel), 1.0 / panel.min())
+    left, bottom = (low + high - scale * panel) / 2
+    axes.set(xlim=(left, left + scale * panel[0]), ylim=(bottom, bottom + scale * panel[1]))
+    axes.set_aspect("equal")
 
 
-def _height(axes: Any, walk: _Walk) -> None:
-    axes.plot(*_envelope(walk.time, walk.position[:, 2]), color=BLUE, linewidth=1.0, label="estimate")
+def _whole(panels: Any, walk: _Walk) -> None:
+    """Height, velocity and filter over the whole walk."""
+    height, velocity, particles = panels
+    height.set_xlim(walk.time[0], walk.time[-1])
+    up = walk.position[:, 2]
+    height.plot(*_envelope(walk.time, up), color=BLUE, linewidth=0.8, alpha=0.5, label="in swing")
+    stood = np.where(walk.stance, up, np.nan)
+    height.plot(*_envelope(walk.time, stood), color=BLUE, linewidth=2.2, label="in stance")
     if walk.truth is not None and walk.comparison is not None:
-        up = walk.comparison.alignment.moved(walk.truth.position_enu)[:, 2]
-        if np.isfinite(up).any():
-            _truth_line(axes, walk.truth.time_s, walk.truth.time_s, up)
-    axes.set_ylabel("Up, m")
+        truth = walk.comparison.alignment.moved(walk.truth.position_enu)[:, 2]
+        if np.isfinite(truth).any():
+            _truth(height, walk.truth.time_s, walk.truth.time_s, truth)
+    height.set_title("Height")
+    height.set_ylabel("Up, m")
+    height.legend(ncols=3, **_LEGEND)
 
-
-def _velocity(axes: Any, walk: _Walk) -> None:
-    for axis, (name, colour) in enumerate(zip("ENU", AXIS_COLOURS, strict=True)):
+    # Up first: it would hide the others, which matter more.
+    for axis, (name, colour) in reversed(list(enumerate(_AXES))):
         line = _envelope(walk.time, walk.velocity[:, axis])
-        axes.plot(*line, color=colour, linewidth=0.8, alpha=0.85, label=name)
-    _shade(axes, walk)
-    axes.set_ylabel("velocity, m/s")
+        velocity.plot(*line, color=colour, linewidth=0.8, label=name)
+    _shade(velocity, walk)
+    velocity.set_title("Velocity (stance shaded)")
+    velocity.set_ylabel("m/s")
+    velocity.legend(
+        *[side[::-1] for side in velocity.get_legend_handles_labels()], ncols=3, **_LEGEND
+    )
+
+    _filter(particles, walk)
+    particles.plot(
+        walk.time[walk.lockouts],
+        np.full(len(walk.lockouts), 0.97),
+        "v",
+        color=INK,
+        transform=particles.get_xaxis_transform(),
+    )
+    particles.set_title(
+        f"Particle filter in stance: {walk.resampled} resamplings, {len(walk.lockouts)} lock-outs"
+        + (" (▼)" if len(walk.lockouts) else "")
+    )
 
 
-def _filter(axes: Any, walk: _Walk) -> None:
-    """M and N_eff where they have a meaning: in stance."""
-    stood = np.where(walk.stance, 1.0, np.nan)
+def _filter(axes: Any, walk: _Walk, part: slice = slice(None), width: float = 0.8) -> None:
+    """N_eff and M of a part of the poses, in stance, where they mean something."""
+    time, swing = walk.time[part], ~walk.stance[part]
     other = axes.twinx()
-    axes.plot(*_envelope(walk.time, walk.n_eff * stood), color=BLUE, linewidth=0.8)
-    other.plot(*_envelope(walk.time, walk.threshold * stood), color=RED, linewidth=0.9)
-    marks = np.full(len(walk.lockouts), 0.97)
-    axes.plot(
-        walk.time[walk.lockouts], marks, "v", color=INK, transform=axes.get_xaxis_transform()
-    )
-    axes.set_title(
-        f"Particles in stance: {walk.resampled} resamplings, {len(walk.lockouts)} lock-outs (▼)"
-    )
-    axes.set_ylim(0, 110)
-    other.set_ylim(0, 0.55)
-    _own_axis(axes, other, ("effective sample size N_eff", BLUE), ("threshold M", RED))
-
-
-def _own_axis(axes: Any, other: Any, left: tuple[str, str], right: tuple[str, str]) -> None:
-    """Twin axes, each labelled in the colour of its line."""
-    other.grid(False)
-    other.spines["right"].set_visible(True)
-    for side, (label, colour) in ((axes, left), (other, right)):
+    for side, values, top, colour, label in (
+        (axes, walk.n_eff, 110.0, BLUE, "N_eff"),
+        (other, walk.threshold, 0.55, RED, "threshold M"),
+    ):
+        line = _envelope(time, np.where(swing, np.nan, values[part]))
+        side.plot(*line, color=colour, linewidth=width)
+        side.set_ylim(0, top)
         side.set_ylabel(label, color=colour)
         side.tick_params(axis="y", colors=colour)
+    other.grid(False)
+    other.spines["right"].set_visible(True)
 
 
 def _window(walk: _Walk) -> tuple[float, float]:
     """`ZOOM_S` seconds around the step in mid-walk, or around the middle."""
     start, end = float(walk.time[0]), float(walk.time[-1])
-    middle = float(walk.time[walk.steps[len(walk.steps) // 2]]) if len(walk.steps) else (start + end) / 2
+    middle = (
+        float(walk.time[walk.steps[len(walk.steps) // 2]]) if len(walk.steps) else (start + end) / 2
+    )
     begin = max(start, min(middle - ZOOM_S / 2, end - ZOOM_S))
     return begin, max(min(begin + ZOOM_S, end), begin + 0.1)
 
 
 def _close_up(panels: Any, walk: _Walk, window: tuple[float, float]) -> None:
-    """Velocity and the detector's signals, sample by sample."""
-    speed, force, rate = panels
+    """Velocity, the detector's signals and the filter, sample by sample."""
+    speed, force, rate, particles = panels
     poses = _within(walk.time, window)
     samples = _within(walk.rate_time, window)
     time = walk.time[poses]
-    for axis, (name, colour) in enumerate(zip("ENU", AXIS_COLOURS, strict=True)):
+    for axis, (name, colour) in enumerate(_AXES):
         speed.plot(time, walk.velocity[poses, axis], color=colour, linewidth=1.2, label=name)
-    speed.set_ylabel("velocity, m/s")
-    speed.set_title(f"{window[1] - window[0]:.0f} seconds from close up (stance shaded)")
-    speed.legend(ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
+    speed.set_title(f"{window[1] - window[0]:.0f} s from close up: velocity, detector, filter")
+    speed.set_ylabel("m/s")
+    speed.legend(ncols=3, **_LEGEND)
 
     force.plot(time, walk.acc_norm[poses], color=INK, linewidth=1.0)
     force.set_ylabel("|a|, m/s²")
-    rate.plot(walk.rate_time[samples], walk.rate[samples], color=INK, linewidth=1.0)
+    force.set_ylim(bottom=0)
     rate.set_ylabel("|ω|, °/s")
-    rate.set_yscale("log")
-    if not len(walk.rate_time):
+    if len(walk.rate[samples]):
+        rate.plot(walk.rate_time[samples], walk.rate[samples], color=INK, linewidth=1.0)
+        rate.set_yscale("log")
+        # What is slower is noise.
+        rate.set_ylim(1, 2 * max(walk.rate[samples].max(), 100.0))
+        rate.set_yticks((1, 10, 100, 1000)[: 3 + (walk.rate[samples].max() > 500)], minor=False)
+        rate.minorticks_off()
+        rate.yaxis.set_major_formatter("{x:.0f}")
+    else:
         rate.text(0.5, 0.5, "no samples in this capture", transform=rate.transAxes, ha="center")
-    for axes, name in ((force, "acc_min"), (force, "acc_max"), (rate, "rate_max")):
+    for axes, name, condition in (
+        (force, "acc_min", "C1"),
+        (force, "acc_max", "C1"),
+        (rate, "rate_max", "C2"),
+    ):
         if name in walk.limits:
-            axes.axhline(walk.limits[name], color=PURPLE, linewidth=1.0, linestyle=(0, (4, 2)))
+            axes.axhline(walk.limits[name], color=PURPLE, linewidth=1.3, linestyle=_DASHED)
+
+    _filter(particles, walk, poses, 1.2)
+    force.set_xlim(*window)
     for axes in panels:
-        axes.set_xlim(*window)
         _shade(axes, walk)
 
 
@@ -350,7 +377,7 @@ def _shade(axes: Any, walk: _Walk) -> None:
         np.column_stack([start, stop - start])[shown].tolist(),
         (0, 1),
         transform=axes.get_xaxis_transform(),
-        facecolor=STANCE,
+        facecolor=SHADE,
         linewidth=0,
         zorder=0,
     )
