@@ -2,13 +2,13 @@
 
 from time import ticks_diff, ticks_ms, ticks_us
 
-import machine
-
 import config
+import machine
 import reports
 from link import Link
 from mpu9150 import Mpu9150, SensorError
 from sampler import Sampler
+
 from solenav_core import messages, navigator
 from solenav_core.framing import HEADER
 from solenav_core.layout import STATE_FIELDS, offsets
@@ -92,6 +92,8 @@ class Application:
             self.worst = spent
         link = self.link
         tick = state[_TICK]
+        if self.complaint:
+            self.recovered()
         if self.send_samples:
             reports.sample(link, tick, self.sampler, self.sensor.temperature())
         if events & navigator.ALIGNED:
@@ -118,8 +120,6 @@ class Application:
         if self.mode == messages.FAULT:
             try:
                 self.retry()
-                self.log(_INFO, "the sensor works again")
-                self.complaint = ""
             except SensorError as error:
                 self.fail(error)
         self.status()
@@ -131,6 +131,12 @@ class Application:
             self.mode = messages.RUNNING if self.state[_MODE] else messages.ALIGNING
         else:
             self.wake()
+            if not self.wanted:
+                self.recovered()
+
+    def recovered(self):
+        self.log(_INFO, "the sensor works again")
+        self.complaint = ""
 
     def fail(self, error):
         """The sensor is out: say so once, and go on trying."""

@@ -13,6 +13,7 @@ _DEFAULTS = {
     "snapshot_s": 10,
     "autostart": True,
 }
+_RATES = (1000, 1_000_000)  # mHz that the sensor's divider and the timing can follow
 
 
 def load():
@@ -45,6 +46,8 @@ def _parameters(chosen, problems):
             problems.append("config.json: there is no parameter %s" % name)
         elif type(value) is not int or not -(2**31) <= value < 2**31:
             problems.append("config.json: parameter %s can't be %r" % (name, value))
+        elif name == "RATE_MHZ" and not _RATES[0] <= value <= _RATES[1]:
+            problems.append("config.json: RATE_MHZ = %d is not %d to %d" % ((value,) + _RATES))
         else:
             params[NAMES.index(name)] = value
     return params

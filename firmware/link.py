@@ -4,6 +4,7 @@ from struct import pack_into
 from time import sleep_ms
 
 from outbox import Outbox
+
 from solenav_core.framing import CRC, HEADER, PAYLOAD_MAX, STANDARD_SEED, crc16, stuff, unstuff
 from solenav_core.messages import ACK, FORMATS, OPEN, REPEATED, SCHEMA, SIZES
 
@@ -66,10 +67,11 @@ class Link:
         while True:
             if self._at == self._have:
                 self._at = 0
-                self._have = min(self._uart.any(), _COMMAND_MAX)
+                waiting = min(self._uart.any(), _COMMAND_MAX)
+                # Only what is there: waiting for more would cost samples.
+                self._have = self._uart.readinto(self._chunk, waiting) or 0 if waiting else 0
                 if not self._have:
                     return 0
-                self._uart.readinto(self._chunk, self._have)
             byte = self._chunk[self._at]
             self._at += 1
             if byte:

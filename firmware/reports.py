@@ -2,11 +2,12 @@
 
 import gc
 import sys
+from binascii import crc32
 from struct import pack_into
 
 import machine
 import uctypes
-from binascii import crc32
+
 from solenav_core.framing import HEADER, PAYLOAD_MAX
 from solenav_core.messages import (
     FORMATS,

@@ -3,8 +3,8 @@
 from time import ticks_diff, ticks_us
 
 from machine import Pin
-
 from mpu9150 import SensorError
+
 from solenav_core.compat import const
 from solenav_core.navigator import new_sample
 
@@ -53,9 +53,9 @@ class Sampler:
 
     def resume(self):
         """Set the sensor up anew and go on, with a gap. SensorError where that fails."""
-        self.recoveries += 1
         self._sensor.wake()
         self._run()
+        self.recoveries += 1
         self._gap = True
 
     def stop(self):
@@ -67,9 +67,8 @@ class Sampler:
         """Whether a sample waits. SensorError after ten sample periods without a pulse."""
         if self._count != self._seen:
             return True
-        silent = ticks_diff(ticks_us(), self._last)
-        if silent > _SILENT_PERIODS * (self._period >> _FRACTION):
-            raise SensorError("no data-ready pulse for %d µs: check the INT wire" % silent)
+        if ticks_diff(ticks_us(), self._last) > _SILENT_PERIODS * (self._period >> _FRACTION):
+            raise SensorError("no data-ready pulse for ten sample periods: check the INT wire")
         return False
 
     def read(self):
@@ -113,13 +112,12 @@ class Sampler:
         self._pass_time(ticks_us())
 
     def _run(self):
-        rate = self._sensor.sample(self._rate_mhz)
         self._failures = 0
         self._seen = self._count
         self._pass_time(ticks_us())
         # Hard: the time stamp must not wait for the interpreter.
         self._pin.irq(handler=self._handler, trigger=Pin.IRQ_RISING, hard=True)
-        return rate
+        return self._sensor.sample(self._rate_mhz)
 
     def _on_pulse(self, _pin):
         self._stamp = ticks_us()

@@ -253,9 +253,11 @@ def _near(wanted_s: FloatArray, time_s: FloatArray) -> NDArray[np.bool_]:
     steps = np.diff(time_s)
     period = float(np.median(steps))
     after = np.clip(np.searchsorted(time_s, wanted_s), 1, len(time_s) - 1)
-    # Half a period of grace at the ends: both clocks are rounded.
-    inside = (wanted_s >= time_s[0] - period / 2) & (wanted_s <= time_s[-1] + period / 2)
-    near: NDArray[np.bool_] = inside & (steps[after - 1] <= _GAP_PERIODS * period)
+    between = (wanted_s > time_s[0]) & (wanted_s < time_s[-1])
+    between &= steps[after - 1] <= _GAP_PERIODS * period
+    # At the edges of gaps and the ends a rounded clock may put a truth just outside.
+    off = np.minimum(np.abs(wanted_s - time_s[after - 1]), np.abs(wanted_s - time_s[after]))
+    near: NDArray[np.bool_] = between | (off < period / 2)
     return near
 
 

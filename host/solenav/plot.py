@@ -25,7 +25,7 @@ DPI = 110
 ZOOM_S = 5.0
 
 BLUE, RED, GREEN, PURPLE, YELLOW = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#F0E442"
-INK, GREY, SHADE = "#222222", "#666666", "#E6E6E6"
+INK, GREY, SHADE, DARK_PURPLE = "#222222", "#666666", "#E6E6E6", "#9E4B77"
 _AXES = (("E", BLUE), ("N", RED), ("U", GREEN))
 _DASHED = (0, (4, 2))
 _LEGEND = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
@@ -53,7 +53,7 @@ _STYLE = {
 # More points than this in one line cost time and can't be seen.
 _LINE_POINTS = 4000
 _PATH_POINTS = 40000
-# Truth that comes seldom than this is drawn as points: nobody knows the way between them.
+# Truth that comes at longer intervals is drawn as points: nobody knows the way between them.
 _SPARSE_S = 0.25
 # A stance narrower than this share of the panel is less than a pixel or two.
 _THINNEST = 1 / 400
@@ -95,7 +95,13 @@ def plot(capture: Capture, out: Path, *, title: str | None = None) -> None:
     walk = _gather(capture)
     with matplotlib.rc_context(_STYLE):
         figure = figures.Figure(figsize=SIZE_IN, dpi=DPI, facecolor="white")
-        _draw(figure, walk, title or str(capture.sidecar.get("name") or capture.path.stem))
+        _head(
+            figure,
+            title or str(capture.sidecar.get("name") or capture.path.stem),
+            str(capture.sidecar.get("source", "")),
+            _caption(walk),
+        )
+        _draw(figure, walk)
         try:
             figure.savefig(out, format="png")
         except OSError as error:
@@ -128,17 +134,20 @@ def _gather(capture: Capture) -> _Walk:
         lockouts=np.flatnonzero(locked),
         rate_time=rate_time,
         rate=rate,
-        limits={
-            "acc_min": params["ACC_MIN"] / 2**7,
-            "acc_max": params["ACC_MAX"] / 2**7,
-            "rate_max": params["RATE_MAX"] / 2**2 / mpu9150.GYRO_LSB_PER_DPS,
-        }
-        if params
-        else {},
+        limits=_limits(params) if params else {},
         figures=figures,
         truth=known,
         comparison=compare(run, known) if known is not None else None,
     )
+
+
+def _limits(params: dict[str, int]) -> dict[str, float]:
+    """The detector's limits in m/s² and °/s."""
+    return {
+        "acc_min": params["ACC_MIN"] / 2**7,
+        "acc_max": params["ACC_MAX"] / 2**7,
+        "rate_max": params["RATE_MAX"] / 2**2 / mpu9150.GYRO_LSB_PER_DPS,
+    }
 
 
 def _rate(run: Capture) -> tuple[FloatArray, FloatArray]:
@@ -153,27 +162,35 @@ def _rate(run: Capture) -> tuple[FloatArray, FloatArray]:
     )
 
 
-def _draw(figure: Any, walk: _Walk, title: str) -> None:
+def _head(figure: Any, title: str, source: str, caption: str) -> None:
+    """What the picture shows and where it's from, over all panels."""
+    # A file's name may hold what matplotlib takes for a formula.
+    plain = {"parse_math": False}
+    figure.text(0.055, 0.968, title, fontsize=15, fontweight="bold", color=INK, **plain)
+    figure.text(0.95, 0.968, source, fontsize=10.5, color=GREY, ha="right", **plain)
+    figure.text(0.055, 0.945, caption, fontsize=10.5, color=GREY)
+
+
+def _draw(figure: Any, walk: _Walk) -> None:
     """All panels: on the left the place and the close-up, on the right the whole walk over time."""
-    figure.text(0.05, 0.968, title, fontsize=15, fontweight="bold", color=INK)
-    figure.text(0.05, 0.945, _caption(walk), fontsize=10.5, color=GREY)
     left, right = figure.add_gridspec(
-        1, 2, left=0.05, right=0.95, bottom=0.05, top=0.905, wspace=0.15
+        1, 2, left=0.055, right=0.95, bottom=0.05, top=0.905, wspace=0.22
     )
     place, close = left.subgridspec(2, 1, height_ratios=(1.0, 1.08), hspace=0.2)
     whole = right.subgridspec(3, 1, hspace=0.16).subplots(sharex=True)
-    details = close.subgridspec(4, 1, height_ratios=(1.3, 1, 1, 1), hspace=0.13).subplots(
+    details = close.subgridspec(4, 1, height_ratios=(1.3, 1, 1, 1), hspace=0.18).subplots(
         sharex=True
     )
     window = _window(walk)
     _trajectory(figure.add_subplot(place), walk, window)
     _whole(whole, walk)
     for axes in whole:
-        axes.axvspan(*window, color=YELLOW, alpha=0.3, linewidth=0, zorder=0.5)
+        axes.axvspan(*window, color=YELLOW, alpha=0.3, linewidth=1, zorder=0.5)
     _close_up(details, walk, window)
     for panels in (whole, details):
         panels[-1].set_xlabel("time from the first sample, s")
-        figure.align_ylabels(panels)
+        for axes in panels:
+            axes.yaxis.set_label_coords(-0.1, 0.5)
 
 
 def _caption(walk: _Walk) -> str:
@@ -182,17 +199,18 @@ def _caption(walk: _Walk) -> str:
     parts = [f"{figures.distance_m:.1f} m in {figures.steps} steps and {figures.duration_s:.0f} s"]
     closure = figures.closure
     if closure.meaningful:
-        share = f" ({closure.horizontal_share:.1%})" if closure.horizontal_share else ""
+        share = f" ({closure.horizontal_share:.2%})" if closure.horizontal_share else ""
         parts.append(
-            f"the loop closes to {closure.horizontal_m:.2f} m{share}, height {closure.vertical_m:+.2f} m"
+            f"a loop that ends {closure.horizontal_m:.2f} m from its start{share}, "
+            f"in height {closure.vertical_m:+.2f} m"
         )
     if walk.comparison is not None:
         fitted = ", fitted by yaw and shift" if walk.comparison.alignment.mode == "yaw" else ""
         error = rmse(walk.comparison.error)
         final = np.hypot(*walk.comparison.error[-1, :2])
         parts.append(
-            f"{error.horizontal:.2f} m RMSE, {final:.2f} m at the end, horizontally, against "
-            f"{walk.comparison.alignment.points} points of truth{fitted}"
+            f"RMSE {error.horizontal:.2f} m, at the end {final:.2f} m, horizontally "
+            f"({walk.comparison.alignment.points} points of truth{fitted})"
         )
     return "   ·   ".join(parts)
 
@@ -214,15 +232,19 @@ def _trajectory(axes: Any, walk: _Walk, window: tuple[float, float]) -> None:
         truth = walk.comparison.alignment.moved(walk.truth.position_enu)
         _truth(axes, walk.truth.time_s, truth[:, 0], truth[:, 1])
         shown = np.vstack([shown, truth[np.isfinite(truth[:, 0])]])
-    for row, marker, label in ((0, "^", "start"), (-1, "s", "end")):
+    # Of two sizes, so that both show where a loop closes.
+    for row, marker, size, fill, label in (
+        (0, "o", 13, "none", "start"),
+        (-1, "s", 7, "white", "end"),
+    ):
         axes.plot(
             east[row],
             north[row],
             marker,
-            color="white",
+            markerfacecolor=fill,
             markeredgecolor=INK,
             markeredgewidth=1.4,
-            markersize=8,
+            markersize=size,
             linestyle="none",
             label=label,
             zorder=6,
@@ -257,26 +279,29 @@ def _fit(axes: Any, points: FloatArray) -> None:
 def _whole(panels: Any, walk: _Walk) -> None:
     """Height, velocity and filter over the whole walk."""
     height, velocity, particles = panels
-    height.set_xlim(walk.time[0], walk.time[-1])
+    height.set_xlim(walk.time[0], max(walk.time[-1], walk.time[0] + 0.1))
     up = walk.position[:, 2]
-    height.plot(*_envelope(walk.time, up), color=BLUE, linewidth=0.8, alpha=0.5, label="in swing")
+    height.plot(*envelope(walk.time, up), color=BLUE, linewidth=0.8, alpha=0.5, label="in swing")
     stood = np.where(walk.stance, up, np.nan)
-    height.plot(*_envelope(walk.time, stood), color=BLUE, linewidth=2.2, label="in stance")
+    height.plot(*envelope(walk.time, stood), color=BLUE, linewidth=2.2, label="in stance")
     if walk.truth is not None and walk.comparison is not None:
         truth = walk.comparison.alignment.moved(walk.truth.position_enu)[:, 2]
         if np.isfinite(truth).any():
             _truth(height, walk.truth.time_s, walk.truth.time_s, truth)
     height.set_title("Height")
     height.set_ylabel("Up, m")
+    _at_least(height, 0.1)
+    height.locator_params(axis="y", nbins=6)
     height.legend(ncols=3, **_LEGEND)
 
     # Up first: it would hide the others, which matter more.
     for axis, (name, colour) in reversed(list(enumerate(_AXES))):
-        line = _envelope(walk.time, walk.velocity[:, axis])
+        line = envelope(walk.time, walk.velocity[:, axis])
         velocity.plot(*line, color=colour, linewidth=0.8, label=name)
     _shade(velocity, walk)
     velocity.set_title("Velocity (stance shaded)")
     velocity.set_ylabel("m/s")
+    _at_least(velocity, 0.1)
     velocity.legend(
         *[side[::-1] for side in velocity.get_legend_handles_labels()], ncols=3, **_LEGEND
     )
@@ -295,16 +320,23 @@ def _whole(panels: Any, walk: _Walk) -> None:
     )
 
 
-def _filter(axes: Any, walk: _Walk, part: slice = slice(None), width: float = 0.8) -> None:
+def _at_least(axes: Any, span: float) -> None:
+    """Widen the vertical limits to a span that makes noise look like noise."""
+    low, high = axes.get_ylim()
+    more = max(0.0, span - (high - low)) / 2
+    axes.set_ylim(low - more, high + more)
+
+
+def _filter(axes: Any, walk: _Walk, part: slice = slice(None), alpha: float = 0.5) -> None:
     """N_eff and M of a part of the poses, in stance, where they mean something."""
     time, swing = walk.time[part], ~walk.stance[part]
     other = axes.twinx()
-    for side, values, top, colour, label in (
-        (axes, walk.n_eff, 110.0, BLUE, "N_eff"),
-        (other, walk.threshold, 0.55, RED, "threshold M"),
+    for side, values, top, colour, label, shown in (
+        (axes, walk.n_eff, 110.0, BLUE, "N_eff", alpha),
+        (other, walk.threshold, 0.55, RED, "threshold M", 1.0),
     ):
-        line = _envelope(time, np.where(swing, np.nan, values[part]))
-        side.plot(*line, color=colour, linewidth=width)
+        line = envelope(time, np.where(swing, np.nan, values[part]))
+        side.plot(*line, color=colour, alpha=shown, linewidth=1.0)
         side.set_ylim(0, top)
         side.set_ylabel(label, color=colour)
         side.tick_params(axis="y", colors=colour)
@@ -330,36 +362,47 @@ def _close_up(panels: Any, walk: _Walk, window: tuple[float, float]) -> None:
     time = walk.time[poses]
     for axis, (name, colour) in enumerate(_AXES):
         speed.plot(time, walk.velocity[poses, axis], color=colour, linewidth=1.2, label=name)
-    speed.set_title(f"{window[1] - window[0]:.0f} s from close up: velocity, detector, filter")
+    speed.set_title(f"{window[1] - window[0]:.0f} s from close up (yellow)")
     speed.set_ylabel("m/s")
+    _at_least(speed, 0.1)
     speed.legend(ncols=3, **_LEGEND)
 
     force.plot(time, walk.acc_norm[poses], color=INK, linewidth=1.0)
     force.set_ylabel("|a|, m/s²")
-    force.set_ylim(bottom=0)
+    # The impacts may leave the panel: the limits must be readable.
+    force.set_ylim(0, np.clip(1.1 * walk.acc_norm[poses].max(), 15, 40))
     rate.set_ylabel("|ω|, °/s")
-    if len(walk.rate[samples]):
-        rate.plot(walk.rate_time[samples], walk.rate[samples], color=INK, linewidth=1.0)
-        rate.set_yscale("log")
-        # What is slower is noise.
-        rate.set_ylim(1, 2 * max(walk.rate[samples].max(), 100.0))
-        rate.set_yticks((1, 10, 100, 1000)[: 3 + (walk.rate[samples].max() > 500)], minor=False)
+    shown = walk.rate[samples]
+    if len(shown):
+        rate.plot(walk.rate_time[samples], shown, color=INK, linewidth=1.0)
+        # From the noise of a standing foot up, in whole powers of ten.
+        low = np.clip(np.floor(np.log10(np.percentile(shown, 5) + 1e-9)), -1, 1)
+        high = max(np.ceil(np.log10(shown.max() + 1e-9)), 2)
+        rate.set(yscale="log", ylim=(10**low, 10**high), yticks=10 ** np.arange(low, high + 1))
         rate.minorticks_off()
-        rate.yaxis.set_major_formatter("{x:.0f}")
+        rate.yaxis.set_major_formatter("{x:g}")
     else:
+        rate.set_yticks(())
         rate.text(0.5, 0.5, "no samples in this capture", transform=rate.transAxes, ha="center")
-    for axes, name, condition in (
-        (force, "acc_min", "C1"),
+    for axes, name, text in (
+        (force, "acc_min", ""),
         (force, "acc_max", "C1"),
         (rate, "rate_max", "C2"),
     ):
         if name in walk.limits:
-            axes.axhline(walk.limits[name], color=PURPLE, linewidth=1.3, linestyle=_DASHED)
-
-    _filter(particles, walk, poses, 1.2)
+            _limit(axes, walk.limits[name], text)
+    _filter(particles, walk, poses, 1.0)
     force.set_xlim(*window)
     for axes in panels:
         _shade(axes, walk)
+
+
+def _limit(axes: Any, value: float, text: str) -> None:
+    """A limit of the detector, named at its end."""
+    axes.axhline(value, color=PURPLE, linewidth=1.3, linestyle=_DASHED)
+    axes.text(
+        1.01, value, text, color=DARK_PURPLE, va="center", transform=axes.get_yaxis_transform()
+    )
 
 
 def _within(time: FloatArray, window: tuple[float, float]) -> slice:
@@ -383,15 +426,15 @@ def _shade(axes: Any, walk: _Walk) -> None:
     )
 
 
-def _envelope(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A line that looks the same with fewer points: least and largest value of each stretch."""
+def envelope(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A line (n,) that looks the same with fewer points: least and largest of each stretch."""
     size = len(time) // (_LINE_POINTS // 2)
     if size < 2:
         return time, values
-    count = len(time) // size
-    blocks = values[: count * size].reshape(count, size)
+    # NaN is "nothing here": it fills up the last stretch.
+    blocks = np.append(values, np.full(-len(values) % size, np.nan)).reshape(-1, size)
     some = np.isfinite(blocks).any(axis=1)
-    pairs = np.full((count, 2), np.nan)
+    pairs = np.full((len(blocks), 2), np.nan)
     pairs[some, 0] = np.nanmin(blocks[some], axis=1)
     pairs[some, 1] = np.nanmax(blocks[some], axis=1)
-    return np.repeat(time[: count * size : size], 2), pairs.ravel()
+    return np.repeat(time[::size], 2), pairs.ravel()

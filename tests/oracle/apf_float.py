@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -151,7 +151,7 @@ class _Run(NamedTuple):
 
 def gaussian_table(seed: int = 0) -> FloatArray:
     """100 standard normal three-vectors: 50 antithetic pairs, mean 0, covariance identity."""
-    half = norm.ppf(qmc.Halton(d=3, scramble=True, rng=seed).random(PARTICLES // 2))
+    half = norm.ppf(qmc.Halton(d=3, scramble=True, seed=seed).random(PARTICLES // 2))
     covariance = half.T @ half / len(half)
     half = half @ np.linalg.inv(np.linalg.cholesky(covariance)).T
     return np.concatenate([half, -half])
@@ -320,7 +320,10 @@ def _at_rate(p: Params, rate_hz: float) -> _Run:
 
 
 @njit(cache=True)
-def _first_still_run(accel, gyro, needed, accel_limit, rate_limit):  # type: ignore[no-untyped-def]
+def _first_still_run(
+    accel: FloatArray, gyro: FloatArray, needed: int, accel_limit: float, rate_limit: float
+) -> int:
+    """Index at which a run of `needed` samples near its first one is complete, or -1."""
     first = 0
     for i in range(len(accel)):
         for j in range(3):
@@ -336,21 +339,21 @@ def _first_still_run(accel, gyro, needed, accel_limit, rate_limit):  # type: ign
 
 
 @njit(cache=True)
-def _xorshift32(x):  # type: ignore[no-untyped-def]
+def _xorshift32(x: np.uint32) -> np.uint32:
     x = np.uint32(x ^ np.uint32(x << np.uint32(13)))
     x = np.uint32(x ^ (x >> np.uint32(17)))
     return np.uint32(x ^ np.uint32(x << np.uint32(5)))
 
 
 @njit(cache=True)
-def _cross(a, b):  # type: ignore[no-untyped-def]
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.array(
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
     )
 
 
 @njit(cache=True)
-def _multiply(a, b):  # type: ignore[no-untyped-def]
+def _multiply(a: FloatArray, b: FloatArray) -> FloatArray:
     product = np.empty(4)
     product[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
     product[1:] = a[0] * b[1:] + b[0] * a[1:] + _cross(a[1:], b[1:])
@@ -358,13 +361,13 @@ def _multiply(a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _rotate(q, x):  # type: ignore[no-untyped-def]
+def _rotate(q: FloatArray, x: FloatArray) -> FloatArray:
     twice = 2.0 * _cross(q[1:], x)
     return x + q[0] * twice + _cross(q[1:], twice)
 
 
 @njit(cache=True)
-def _rotation(phi):  # type: ignore[no-untyped-def]
+def _rotation(phi: FloatArray) -> FloatArray:
     """Quaternion of a rotation vector."""
     angle = math.sqrt((phi**2).sum())
     q = np.zeros(4)
@@ -375,7 +378,15 @@ def _rotation(phi):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _strapdown(accel, rate, gravity, dt, q, v, p):  # type: ignore[no-untyped-def]
+def _strapdown(
+    accel: FloatArray,
+    rate: FloatArray,
+    gravity: float,
+    dt: float,
+    q: FloatArray,
+    v: FloatArray,
+    p: FloatArray,
+) -> None:
     """Step 1, in place; `rate` is free of bias."""
     h = 0.5 * dt * rate
     h2 = (h**2).sum()
@@ -392,7 +403,15 @@ def _strapdown(accel, rate, gravity, dt, q, v, p):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True)
-def _grow_covariance(run, gravity, p_vv, p_pv, p_vt, p_tt, p_pt):  # type: ignore[no-untyped-def]
+def _grow_covariance(
+    run: _Run,
+    gravity: float,
+    p_vv: FloatArray,
+    p_pv: FloatArray,
+    p_vt: FloatArray,
+    p_tt: FloatArray,
+    p_pt: FloatArray,
+) -> FloatArray:
     """Step 2, in place; returns the growth of P_vv."""
     dt = run.dt
     growth = np.zeros(3)
@@ -409,7 +428,7 @@ def _grow_covariance(run, gravity, p_vv, p_pv, p_vt, p_tt, p_pt):  # type: ignor
 
 
 @njit(cache=True)
-def _draw(variance, table, first, stride):  # type: ignore[no-untyped-def]
+def _draw(variance: FloatArray, table: FloatArray, first: int, stride: int) -> FloatArray:
     cloud = np.empty((PARTICLES, 3))
     for j in range(3):
         sigma = math.sqrt(max(variance[j], 0.0))
@@ -419,7 +438,19 @@ def _draw(variance, table, first, stride):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _navigate(accel, gyro, table, seed, start, run, pose, flags, figures, covariance):  # type: ignore[no-untyped-def]
+def _navigate(
+    accel: FloatArray,
+    gyro: FloatArray,
+    table: FloatArray,
+    seed: np.uint32,
+    start: _Start,
+    run: _Run,
+    pose: tuple[FloatArray, ...],
+    flags: tuple[BoolArray, ...],
+    figures: tuple[NDArray[Any], ...],
+    covariance: tuple[FloatArray, ...],
+) -> None:
+    """Fill the output arrays, from the end of the static start on."""
     position, velocity, quaternion, bias = pose
     stance_out, resampled_out, h1_out = flags
     m2_out, m_out, n_eff_out, t_out = figures

@@ -1,0 +1,559 @@
+"""The firmware as it is, on real MicroPython and a simulated board, over a pseudo-terminal."""
+
+from __future__ import annotations
+
+import os
+import struct
+import subprocess
+import sys
+import time
+from binascii import crc32
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import serial
+import wire
+from numpy.typing import NDArray
+from wire import Message
+
+from solenav import engines
+from solenav.errors import SolenavError
+from solenav_core import messages
+from solenav_core.tables.defaults import PARAMS
+from solenav_tools.board import Samples, SimulatedBoard
+from solenav_tools.micropython import find_micropython
+from solenav_tools.staging import build_hash, stage
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="no pseudo-terminals here")
+
+N = 1000
+PERIOD = 5000
+FIRST = 0  # µs from the start of sampling to the first sample
+
+
+def still(n: int = N) -> Samples:
+    rng = np.random.default_rng(7)
+    counts = np.zeros((n, 6), np.int16)
+    counts[:, 2] = 2048
+    counts += rng.integers(-4, 5, (n, 6)).astype(np.int16)
+    times = FIRST + PERIOD * np.arange(n, dtype=np.int64)
+    return Samples(times, counts, np.arange(n, dtype=np.int16) - n // 2)
+
+
+class Client:
+    """What a recorder sees of the board."""
+
+    def __init__(self, port: serial.Serial) -> None:
+        self.port = port
+        self.data = b""
+        self._decoded = 0  # bytes
+        self._seen = 0  # messages
+        self.messages: list[Message] = []
+
+    def read(self) -> bool:
+        """Whatever comes within half a second; False once the board is gone."""
+        try:
+            self.data += self.port.read(max(1, min(self.port.in_waiting, 4096)))
+        except (serial.SerialException, OSError):
+            return False
+        whole = self.data.rfind(b"\0") + 1
+        self.messages += wire.decode(self.data[self._decoded : whole])
+        self._decoded = max(whole, self._decoded)
+        return True
+
+    def until(self, wanted: Callable[[Message], bool], seconds: float = 20) -> Message:
+        """The first message that is wanted, after the one that was returned last."""
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            while self._seen < len(self.messages):
+                self._seen += 1
+                if wanted(self.messages[self._seen - 1]):
+                    return self.messages[self._seen - 1]
+            if not self.read():
+                break
+        raise AssertionError(f"it never came; last: {self.messages[-3:]}")
+
+    def ask(self, kind: int, seq: int) -> int:
+        """Send a command; its result."""
+        self.port.write(wire.command(kind, seq))
+        return self.until(
+            lambda m: (
+                m.name == "ACK" and (m.fields["command"], m.fields["command_seq"]) == (kind, seq)
+            )
+        ).fields["result"]
+
+    def named(self, name: str) -> list[Message]:
+        return [m for m in self.messages if m.name == name]
+
+    def texts(self) -> list[tuple[str, str]]:
+        return [
+            (messages.LEVELS[m.fields["level"]], m.fields["text"].decode())
+            for m in self.named("LOG")
+        ]
+
+
+@contextmanager
+def on(
+    feed: Samples | Path, config: dict[str, Any] | None = None, **options: Any
+) -> Iterator[tuple[SimulatedBoard, Client]]:
+    """A board, switched on, and its client."""
+    with (
+        SimulatedBoard(feed, config, **options) as board,
+        serial.Serial(board.port, 460800, timeout=0.5) as port,
+    ):
+        yield board, Client(port)
+
+
+def run(feed: Samples | Path, config: dict[str, Any] | None = None, **options: Any) -> Client:
+    """A whole run, from switching on to the feed's end."""
+    with on(feed, config, **options) as (board, client):
+        while client.read():
+            pass
+        assert board.wait(5) == 0
+        assert board.stderr == ""
+        board.check()
+    return client
+
+
+def of_sample(message: Message) -> tuple[int, ...]:
+    return message.fields["acc"] + message.fields["gyro"]
+
+
+@pytest.fixture(scope="module")
+def standing() -> Client:
+    return run(still(), {"pose_every": 1, "snapshot_s": 2})
+
+
+def test_what_a_run_begins_with(standing: Client) -> None:
+    hello, parameters = standing.messages[:2]
+    assert hello.name == "HELLO"
+    fields = hello.fields
+    assert fields["schema"] == messages.SCHEMA
+    assert fields["build"] == build_hash()
+    assert fields["params"] == crc32(PARAMS)
+    assert fields["rate"] == 200_000
+    assert fields["pose_every"] == 1
+    assert messages.SENSORS[fields["sensor"]] == "MPU-9150"
+    assert fields["self_test"] == 0
+    board, _version, micropython = fields["text"].decode().split("; ")
+    assert board == "simulated"
+    assert micropython.startswith("MicroPython 1.")
+    assert parameters.name == "PARAMS"
+    assert parameters.fields["values"] == tuple(PARAMS)
+    assert not standing.texts()
+
+
+def test_every_sample_is_told(standing: Client) -> None:
+    feed = still()
+    samples = standing.named("SAMPLE")
+    assert [m.tick for m in samples] == list(range(1, N + 1))
+    assert [of_sample(m) for m in samples] == list(map(tuple, feed.counts.tolist()))
+    assert [m.fields["temperature"] for m in samples] == feed.temperature.tolist()
+    assert {m.fields["flags"] for m in samples} == {0}
+    times = [m.fields["time"] for m in samples]
+    assert np.diff(times).tolist() == [PERIOD] * (N - 1)
+
+
+def test_messages_in_order_and_complete(standing: Client) -> None:
+    assert [m.seq for m in standing.messages] == [i & 255 for i in range(len(standing.messages))]
+    (align,) = standing.named("ALIGN")
+    assert align.tick == PARAMS[6]
+    assert [m.tick for m in standing.named("POSE")] == list(range(align.tick, N + 1))
+    assert [m.tick for m in standing.named("STATUS")] == list(range(200, N + 1, 200))
+    snapshots = {m.tick for m in standing.named("SNAPSHOT")}
+    assert snapshots == {400, 800}
+    order = [m.name for m in standing.messages if m.tick == 400]
+    assert order[:2] == ["SAMPLE", "POSE"]
+    assert set(order[2:-1]) == {"SNAPSHOT"}
+    assert order[-1] == "STATUS"
+    last = standing.named("STATUS")[-1].fields
+    assert (last["mode"], last["samples"]) == (messages.RUNNING, N)
+    assert last["period"] == PERIOD * 256
+    assert last["heap"] > 100_000
+    counters = ("overruns", "gaps", "bus_errors", "recoveries", "clipped", "bad_commands")
+    assert not any(last[name] for name in (*counters, "dropped_samples", "dropped_poses"))
+
+
+def test_the_core_computes_what_the_host_computes(standing: Client) -> None:
+    poses = {m.tick: m.fields for m in standing.named("POSE")}
+    snapshots = {m.tick: b"" for m in standing.named("SNAPSHOT")}
+    for m in standing.named("SNAPSHOT"):
+        assert m.fields["offset"] == len(snapshots[m.tick])
+        snapshots[m.tick] += m.fields["data"]
+    engine = engines.create("pure", PARAMS)
+    rows = np.array([of_sample(m) for m in standing.named("SAMPLE")], np.int16)
+    for tick in range(1, N + 1):
+        engine.advance(rows, tick - 1, tick)
+        if tick in poses:
+            assert poses[tick]["digest"] == engine.digest(), tick
+        if tick in snapshots:
+            assert snapshots[tick] == engine.snapshot(), tick
+
+
+def test_two_runs_are_the_same_bytes(standing: Client, tmp_path: Path) -> None:
+    assert run(still(), {"pose_every": 1, "snapshot_s": 2}).data == standing.data
+
+
+def test_a_feed_file(tmp_path: Path) -> None:
+    feed = still(300)
+    path = tmp_path / "still.feed"
+    records = [
+        struct.pack("<I7h", t, *c[:3], temperature, *c[3:])
+        for t, c, temperature in zip(
+            feed.time_us.tolist(), feed.counts.tolist(), feed.temperature.tolist(), strict=True
+        )
+    ]
+    path.write_bytes(b"".join(records))
+    assert run(path).data == run(feed).data
+    path.write_bytes(b"".join(records)[:-1])
+    with pytest.raises(SolenavError, match="no feed file"), SimulatedBoard(path):
+        pass
+    with (
+        pytest.raises(SolenavError, match="No such file"),
+        SimulatedBoard(tmp_path / "nowhere.feed"),
+    ):
+        pass
+
+
+def test_settings_choose_what_is_sent() -> None:
+    config = {"pose_every": 7, "send_samples": False, "params": {"ALIGN_TICKS": 100}}
+    client = run(still(300), config)
+    assert not client.named("SAMPLE")
+    assert client.named("ALIGN")[0].tick == 100
+    assert [m.tick for m in client.named("POSE")] == list(range(105, 301, 7))
+    assert client.named("HELLO")[0].fields["params"] != crc32(PARAMS)
+
+
+def test_wrong_settings_are_told() -> None:
+    config = {
+        "pose_evry": 1,
+        "snapshot_s": "often",
+        "params": {"ALIGN_TICKS": 100, "SEEDS": 1, "SEED": 1.5, "RATE_MHZ": 0, "GAMMA": 2**31},
+    }
+    client = run(still(150), config)
+    # MicroPython's dictionaries keep no order.
+    assert sorted(client.texts()) == [
+        ("error", "config.json: RATE_MHZ = 0 is not 1000 to 1000000"),
+        ("error", "config.json: parameter GAMMA can't be 2147483648"),
+        ("error", "config.json: parameter SEED can't be 1.5"),
+        ("error", "config.json: snapshot_s can't be 'often'"),
+        ("error", "config.json: there is no key pose_evry"),
+        ("error", "config.json: there is no parameter SEEDS"),
+    ]
+    assert client.named("ALIGN")[0].tick == 100
+
+
+def test_commands() -> None:
+    with on(still(3000), {"pose_every": 1}) as (_board, client):
+        client.until(lambda m: m.tick == 300)
+
+        assert client.ask(messages.ASK_SNAPSHOT, 10) == messages.DONE
+        snapshot = client.until(lambda m: m.name == "SNAPSHOT")
+        total = snapshot.fields["total"]
+        client.until(lambda m: m.name == "SAMPLE" and m.tick == snapshot.tick + 1)
+        data = b"".join(m.fields["data"] for m in client.named("SNAPSHOT"))
+        assert len(data) == total
+        (pose,) = [m for m in client.named("POSE") if m.tick == snapshot.tick]
+        assert crc32(data) == pose.fields["digest"]
+
+        assert client.ask(messages.ASK_HELLO, 11) == messages.DONE
+        assert len(client.named("HELLO")) == 2
+        assert len(client.named("PARAMS")) == 2
+
+        assert client.ask(messages.ASK_STOP, 12) == messages.DONE
+        stopped = client.messages[-1].tick
+        assert client.ask(messages.ASK_SNAPSHOT, 13) == messages.DONE
+        status = client.until(lambda m: m.name == "STATUS" and m.fields["mode"] == messages.IDLE)
+        assert status.tick == stopped
+        assert len([m for m in client.named("SNAPSHOT") if m.tick == stopped]) > 1
+
+        assert client.ask(messages.ASK_START, 14) == messages.DONE
+        first = client.until(lambda m: m.name == "SAMPLE")
+        assert first.tick == 1
+        assert first.fields["flags"] == 0
+        assert [m.name for m in client.messages if m.name in ("HELLO", "PARAMS")][-2:] == [
+            "HELLO",
+            "PARAMS",
+        ]
+        assert client.until(lambda m: m.name == "ALIGN").tick == PARAMS[6]
+
+
+def test_a_command_is_carried_out_once() -> None:
+    with on(still(), {"autostart": False}) as (_board, client):
+        assert client.until(lambda m: m.name == "HELLO").fields["sensor"] == 2
+        assert client.ask(messages.ASK_HELLO, 1) == messages.DONE
+        assert client.ask(messages.ASK_HELLO, 1) == messages.REPEATED
+        assert client.ask(messages.ASK_HELLO, 1) == messages.REPEATED
+        assert len(client.named("HELLO")) == 2
+        assert client.ask(messages.ASK_HELLO, 2) == messages.DONE
+        assert len(client.named("HELLO")) == 3
+        assert client.ask(messages.SAMPLE, 3) == messages.UNKNOWN
+        assert not client.named("SAMPLE")
+
+
+def test_damaged_commands_are_counted() -> None:
+    with on(still(), {"autostart": False}) as (_board, client):
+        client.until(lambda m: m.name == "HELLO")
+        whole = wire.command(messages.ASK_START, 1)
+        client.port.write(bytes([whole[0], whole[1] ^ 1]) + whole[2:])
+        client.port.write(b"\xff\xff\xff\0" + b"\x01\0" + bytes(range(1, 200)) + b"\0")
+        client.port.write(b"\0\0\0")
+        assert client.ask(messages.ASK_SNAPSHOT, 2) == messages.DONE
+        status = client.until(lambda m: m.name == "STATUS")
+        assert status.fields["bad_commands"] == 4
+        assert not client.named("SAMPLE")
+
+
+def test_commands_sent_before_the_first_byte_are_heard() -> None:
+    """A recorder that joins asks at once; two such runs are the same bytes as well."""
+    runs = []
+    for _ in range(2):
+        with on(still(300)) as (_board, client):
+            client.port.write(wire.command(messages.ASK_HELLO, 0))
+            while client.read():
+                pass
+        assert len(client.named("HELLO")) == 2
+        runs.append(client.data)
+    assert runs[0] == runs[1]
+
+
+def test_a_slow_line_loses_samples_first() -> None:
+    client = run(still(), {"pose_every": 4}, baud=38400)
+    status = client.named("STATUS")[-1].fields
+    assert status["dropped_samples"] > 0
+    assert status["dropped_poses"] == status["dropped_others"] == 0
+    seen = [m for m in client.named("SAMPLE") if m.tick <= N]
+    assert len(seen) + status["dropped_samples"] == N
+    assert len(client.named("POSE")) == len(range(200, N + 1, 4))
+    assert [m.seq for m in client.messages] == [i & 255 for i in range(len(client.messages))]
+
+    slower = run(still(), {"pose_every": 1}, baud=19200)
+    status = slower.named("STATUS")[-1].fields
+    assert status["dropped_poses"] > 0
+    assert status["dropped_others"] == 0
+    assert len(slower.named("STATUS")) == N // 200
+
+
+def test_without_a_sensor() -> None:
+    with on(still(10), sensor="none") as (_board, client):
+        hello = client.until(lambda m: m.name == "HELLO")
+        assert messages.SENSORS[hello.fields["sensor"]] == "none"
+        client.until(lambda m: m.name == "STATUS" and m.fields["mode"] == messages.FAULT)
+        client.until(lambda m: m.name == "STATUS" and m.fields["mode"] == messages.FAULT)
+        ((level, text),) = client.texts()
+        assert level == "error"
+        assert "no answer from 0x68" in text
+        assert "check" in text
+        assert client.ask(messages.ASK_START, 1) == messages.REFUSED
+
+
+def test_another_sensor_is_named() -> None:
+    client = run(still(50), sensor="MPU-6050")
+    assert messages.SENSORS[client.named("HELLO")[0].fields["sensor"]] == "MPU-6050"
+    assert len(client.named("SAMPLE")) == 50
+
+
+def during(first: int, last: int, after_us: int = 1000) -> tuple[int, int]:
+    """The times of samples `first` to `last`, by index."""
+    return FIRST + first * PERIOD - 100, FIRST + last * PERIOD + after_us
+
+
+def lost(client: Client, feed: Samples) -> NDArray[np.int64]:
+    """Indexes of the samples that were never told, by their temperatures, which all differ."""
+    told = [m.fields["temperature"] for m in client.named("SAMPLE")]
+    return np.flatnonzero(~np.isin(feed.temperature, told))
+
+
+def test_a_short_bus_failure() -> None:
+    feed = still()
+    client = run(feed, nacks=[during(400, 400)])
+    status = client.named("STATUS")[-1].fields
+    assert (status["bus_errors"], status["gaps"], status["recoveries"]) == (2, 1, 0)
+    assert lost(client, feed).tolist() == [400]
+    flagged = [m.tick for m in client.named("SAMPLE") if m.fields["flags"] & messages.GAP_BEFORE]
+    assert flagged == [401]
+    assert client.messages[-1].tick == N - 1
+
+
+def test_a_bus_failure_that_a_fresh_start_mends() -> None:
+    feed = still()
+    client = run(feed, nacks=[during(400, 401, after_us=20)])
+    status = client.named("STATUS")[-1].fields
+    assert (status["bus_errors"], status["gaps"], status["recoveries"]) == (3, 1, 1)
+    gone = lost(client, feed)
+    assert gone.tolist() == list(range(400, 400 + len(gone)))
+    assert 32 <= len(gone) <= 36  # 165 ms
+    assert not client.texts()
+
+
+def test_a_bus_failure_that_lasts() -> None:
+    feed = still()
+    client = run(feed, nacks=[during(400, 450)])
+    (level, text), mended = client.texts()
+    assert level == "error"
+    assert "no answer from 0x68" in text
+    assert mended == ("info", "the sensor works again")
+    status = client.named("STATUS")[-1].fields
+    assert (status["gaps"], status["recoveries"]) == (1, 1)
+    assert client.messages[-1].tick == N - len(lost(client, feed))
+    assert 200 <= len(lost(client, feed)) <= 240
+
+
+def test_a_crash_is_told() -> None:
+    """A window past the end of the state is nothing that the firmware checks."""
+    with on(still(), {"params": {"WINDOW": 5000}}) as (board, client):
+        while client.read():
+            pass
+        assert board.wait(5) == 1
+        level, text = client.texts()[-1]
+        assert level == "error"
+        assert "Error" in text
+        with pytest.raises(SolenavError, match="Traceback"):
+            board.check()
+
+
+def test_nothing_reads_nothing_is_lost() -> None:
+    with on(still(), {"pose_every": 1}) as (board, client):
+        with pytest.raises(TimeoutError):
+            board.wait(0.5)
+        while client.read():
+            pass
+        assert len(client.named("SAMPLE")) == N
+        assert board.wait(5) == 0
+
+
+def test_real_time() -> None:
+    began = time.monotonic()
+    fast = run(still(200))
+    assert time.monotonic() - began < 1
+    began = time.monotonic()
+    slow = run(still(200), realtime=True)
+    assert time.monotonic() - began > 1
+    for message in (*fast.named("STATUS"), *slow.named("STATUS")):
+        del message.fields["heap"]  # other settings take other memory
+    assert slow.messages == fast.messages
+
+
+def test_the_port_vanishes_when_all_is_read() -> None:
+    with on(still(50)) as (board, client):
+        assert board.wait(5) == 0
+        while client.read():
+            pass
+        board.wait_until_read()
+        assert len(client.named("SAMPLE")) == 50
+
+
+def test_closing_a_board_that_nobody_opened() -> None:
+    with SimulatedBoard(still()) as board:
+        pass
+    board.check()
+
+
+def test_which_micropython(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def chosen(script: str) -> None:
+        program = tmp_path / "micropython"
+        program.write_text(f"#!/bin/sh\n{script}\n")
+        program.chmod(0o755)
+        monkeypatch.setenv("SOLENAV_MICROPYTHON", str(program))
+
+    assert find_micropython().name.startswith("micropython")
+    chosen("echo micropython 1 19")
+    with pytest.raises(SolenavError, match="too old"):
+        find_micropython()
+    chosen("echo cpython 3 11")
+    with pytest.raises(SolenavError, match="no MicroPython"):
+        find_micropython()
+    monkeypatch.setenv("SOLENAV_MICROPYTHON", str(tmp_path / "nothing"))
+    with pytest.raises(SolenavError, match="can't run"):
+        find_micropython()
+    monkeypatch.delenv("SOLENAV_MICROPYTHON")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+    (tmp_path / "micropython").unlink()
+    with pytest.raises(SolenavError, match="not installed") as caught:
+        find_micropython()
+    assert "solenav[board]" in caught.value.remedy
+
+
+ALLOCATION = """
+import gc
+import sys
+
+sys.path[:] = [""]
+from solenav.sim.board import machine, simtime
+
+sys.modules["machine"] = machine
+sys.modules["time"] = simtime
+
+
+class Bus:
+    def readfrom_mem_into(self, address, register, buffer):
+        if register == 0x3B:
+            buffer[4] = 8
+            buffer[5] = (buffer[5] + 1) & 3
+        else:
+            buffer[0] = 0x68
+
+    def writeto_mem(self, address, register, data):
+        pass
+
+    def readfrom_mem(self, address, register, length):
+        return b"\\x48"
+
+
+class Uart:
+    def write(self, buffer, offset, length):
+        return length
+
+    def any(self):
+        return 0
+
+
+class Ready:
+    def irq(self, handler=None, trigger=0, hard=False):
+        self.handler = handler
+
+
+from application import Application
+from boards import Board
+from config import load
+
+ready = Ready()
+app = Application(Board(Bus(), ready, Uart(), "", 0), *load())
+app.wake()
+
+
+def passes(n):
+    for _ in range(n):
+        simtime.advance(5000)
+        ready.handler(None)
+        app.link.receive(0)
+        if app.sampler.ready() and app.sampler.read():
+            app.advance()
+        app.link.pump()
+
+
+passes(401)
+gc.collect()
+gc.disable()
+before = gc.mem_alloc()
+passes(198)
+print(app.mode, gc.mem_alloc() - before)
+"""
+
+
+def test_nothing_is_allocated_per_sample(tmp_path: Path) -> None:
+    stage(tmp_path, {"pose_every": 1})
+    (tmp_path / "allocation.py").write_text(ALLOCATION)
+    ran = subprocess.run(
+        [find_micropython(), "allocation.py"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (ran.stdout.split(), ran.stderr) == (["2", "0"], "")

@@ -1,0 +1,61 @@
+"""The firmware over a capture's samples, on the simulated board."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from solenav import link, parameters, replay
+from solenav.capture import Capture, CaptureWriter
+from solenav_core import messages
+from solenav_tools.board import Samples, SimulatedBoard
+from solenav_tools.ports import PortVanished, open_port, read_some
+
+
+def board_for(source: Capture, *, pose_every: int, realtime: bool = False) -> SimulatedBoard:
+    """A board whose sensor measures the capture's samples, with the capture's parameters.
+
+    SolenavError where the capture has no samples or parameters.
+    """
+    source.need_samples()
+    samples = replay.samples_of(source)
+    config = {"params": parameters.named(source.params[0][1]), "pose_every": pose_every}
+    feed = Samples(samples.time_us, samples.counts, samples.temperature)
+    return SimulatedBoard(feed, config, realtime)
+
+
+def run(
+    source: Capture,
+    output: Path,
+    *,
+    pose_every: int,
+    progress: Callable[[int], None] = lambda done: None,
+) -> Capture:
+    """Record what the firmware sends over all of the capture's samples.
+
+    Arrival times are the board's, so that two runs give the same file. SolenavError where the
+    firmware crashes; what it sent before is in the file.
+    """
+    last = 0.0
+    samples = 0
+    rest = b""
+    with board_for(source, pose_every=pose_every) as board, CaptureWriter(output) as writer:
+        with open_port(board.port) as port:
+            while True:
+                try:
+                    *whole, rest = (rest + read_some(port)).split(b"\0")
+                except PortVanished:
+                    break
+                for stuffed in whole:
+                    frame = link.decode(stuffed) if stuffed else None
+                    if isinstance(frame, link.Frame) and frame.kind == messages.SAMPLE:
+                        last = link.unpack(frame)["time"] * 1e-6
+                        samples += 1
+                    writer.write(last, stuffed + b"\0")
+                progress(samples)
+        if rest:
+            writer.write(last, rest)
+        board.wait()
+        board.check()
+    replay.finish(output, {**source.sidecar, "board": "simulated"}, source.truth)
+    return source

@@ -1,0 +1,71 @@
+"""What goes onto a board: firmware, core, configuration, in one folder."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import solenav.sim.board
+import solenav_core
+from solenav.errors import SolenavError
+
+_SIMULATED = "solenav.sim.board.simulated"
+
+
+def firmware_path() -> Path:
+    """The folder of the firmware's files: in the installed package, else in the checkout."""
+    here = Path(__file__).resolve()
+    for folder in (here.parent / "firmware", here.parents[2] / "firmware"):
+        if (folder / "main.py").is_file():
+            return folder
+    raise SolenavError("the firmware's files are missing", "install solenav again")
+
+
+def _files() -> Iterator[tuple[str, Path]]:
+    """Firmware and core: the name on the board, the file here."""
+    firmware = firmware_path()
+    core = Path(solenav_core.__path__[0])
+    for base, prefix in ((firmware, ""), (core, "solenav_core/")):
+        for path in sorted(base.rglob("*.py")):
+            yield prefix + path.relative_to(base).as_posix(), path
+
+
+def build_hash() -> int:
+    """32 bits of a SHA-256 over firmware and core, whatever the line ends."""
+    digest = hashlib.sha256()
+    for name, path in _files():
+        data = path.read_bytes().replace(b"\r\n", b"\n")
+        digest.update(f"{name}\0{len(data)}\0".encode())
+        digest.update(data)
+    return int.from_bytes(digest.digest()[:4], "big")
+
+
+def _version() -> str:
+    try:
+        return metadata.version("solenav")
+    except metadata.PackageNotFoundError:
+        return "unversioned"
+
+
+def stage(folder: Path, config: Mapping[str, Any]) -> None:
+    """Put what the simulated board runs into `folder`; `config` is the firmware's config.json.
+
+    Kernels lose their viper decorator: on 64-bit MicroPython viper has 64-bit words and proves
+    nothing, as bytecode they compute what the microcontroller computes.
+    """
+    for name, path in _files():
+        text = path.read_text(encoding="utf-8").replace("@micropython.viper\n", "")
+        _write(folder / name, text)
+    for path in sorted(Path(solenav.sim.board.__path__[0]).glob("*.py")):
+        _write(folder / "solenav" / "sim" / "board" / path.name, path.read_text(encoding="utf-8"))
+    _write(folder / "config.json", json.dumps({**config, "board": _SIMULATED}))
+    _write(folder / "build.json", json.dumps({"hash": build_hash(), "version": _version()}))
+
+
+def _write(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
