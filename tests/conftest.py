@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
 from solenav import capture, importing, replay
 from solenav.sim.scenario import simulate
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from solenav import capture, link
 from solenav.capture import file as capture_file
 from solenav.capture import sidecar

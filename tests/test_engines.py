@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+
 from solenav import capture, engines, parameters
 from solenav.engines import checked, source
 from solenav.errors import SolenavError

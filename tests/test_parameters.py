@@ -7,6 +7,7 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from solenav import parameters
 from solenav.errors import SolenavError
 from solenav_core import params

@@ -7,6 +7,7 @@ import math
 import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
+
 from solenav.engines import checked, fast
 from solenav_core import qmath
 from solenav_core.tables.lookup import TABLES

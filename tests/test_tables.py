@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from solenav_core import layout
 from solenav_core.tables.lookup import TABLES
 

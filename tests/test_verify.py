@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from solenav import capture, link
 from solenav import replay as replaying
 from solenav.errors import SolenavError

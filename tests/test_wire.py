@@ -6,6 +6,7 @@ import pytest
 from cobs import cobs
 from hypothesis import given
 from hypothesis import strategies as st
+
 from solenav import link, parameters
 from solenav_core import framing, messages, navigator
 

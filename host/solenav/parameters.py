@@ -28,7 +28,7 @@ class Settings:
     align_s: float = 1.0
     align_min_s: float = 0.2
     align_accel: float = 0.5  # m/s², largest deviation from the first still sample
-    align_rate_dps: float = 4.0
+    align_rate_dps: float = 3.5
     bias_max_dps: float = 50.0
     accel_min: float = 8.3  # m/s², C1
     accel_max: float = 11.3
@@ -52,7 +52,7 @@ class Settings:
     threshold_growth: float = 0.4  # K_e at 200 Hz
     heavy_weight: float = 0.5  # K
     heavy_min: int = 50
-    lockout_s: float = 1.5
+    lockout_s: float = 2.0
     lockout_min: int = 5
     lockout_velocity_variance: float = 0.01
     step_swing_s: float = 0.15

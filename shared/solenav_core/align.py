@@ -1,9 +1,10 @@
 """Static start: gravity, gyro bias and attitude from the first stretch of stillness.
 
-A sample is still while no axis leaves its limit around the first still sample. The stretch ends
-after ALIGN_TICKS, or with the first motion once it has lasted ALIGN_MIN: people walk off early.
-Motion before that starts the stretch anew. No magnetometer is needed: the body's front axis
-gets the heading of parameters YAW_W and YAW_Z.
+A sample is still while no axis leaves its limit around the first still sample; motion ends the
+stretch and starts another. ALIGN_TICKS of stillness are a full static start. People fidget and
+walk off early, so a stretch of at least ALIGN_MIN serves as well until a longer one comes, and
+navigation begins with it; with the first real swing the search is over. No magnetometer is
+needed: the body's front axis gets the heading of parameters YAW_W and YAW_Z.
 """
 
 from solenav_core.compat import const, micropython, ptr32
@@ -17,16 +18,24 @@ _G_MAX = const(12582912)  # 12 m/s²
 _ROUNDS = const(8)
 
 _S_AL_COUNT = const(3)
-_S_AL_RESTARTS = const(4)
-_S_AL_PEAK_ACC = const(5)
-_S_AL_PEAK_RATE = const(6)
-_S_AL_REF = const(7)
-_S_AL_SUM = const(13)
-_S_ATT = const(55)
-_S_BIAS = const(68)
-_S_GRAVITY = const(71)
-_S_P_VV = const(72)
-_S_P_TT = const(85)
+_S_AL_BEST = const(5)
+_S_AL_DONE = const(4)
+_S_AL_RESTARTS = const(6)
+_S_AL_PEAK_ACC = const(7)
+_S_AL_PEAK_RATE = const(8)
+_S_AL_REF = const(9)
+_S_AL_SUM = const(15)
+_S_ATT = const(57)
+_S_TICK = const(0)
+_S_MODE = const(1)
+_S_STANCE = const(21)
+_S_RNG = const(93)
+_S_TICK_STEP = const(513)
+_S_STEP_VAR = const(523)
+_S_BIAS = const(70)
+_S_GRAVITY = const(73)
+_S_P_VV = const(74)
+_S_P_TT = const(87)
 _P_ACC_SCALE = const(1)
 _P_YAW_W = const(4)
 _P_YAW_Z = const(5)
@@ -35,6 +44,7 @@ _P_ALIGN_MIN = const(7)
 _P_ALIGN_ACC = const(8)
 _P_ALIGN_RATE = const(9)
 _P_BIAS_MAX = const(10)
+_P_SEED = const(41)
 _P_P_VV_0 = const(25)
 _P_P_TT_0 = const(26)
 _W_NAV = const(0)
@@ -44,7 +54,8 @@ _W_NAV = const(0)
 def gather(s: ptr32, p: ptr32, m: ptr32) -> int:
     """Take one sample into the stretch of stillness.
 
-    0: not enough yet. 1: long enough, this sample included. 2: long enough, this one moves.
+    0: nothing new. 1: a full static start, this sample included. 2: this sample moves, and the
+    stretch that it ends (still in the sums) is better than what is in use.
     """
     peak_acc = s[_S_AL_PEAK_ACC]
     peak_rate = s[_S_AL_PEAK_RATE]
@@ -62,10 +73,11 @@ def gather(s: ptr32, p: ptr32, m: ptr32) -> int:
                 peak_rate = off
             i = i + 1
         if peak_acc > p[_P_ALIGN_ACC] or peak_rate > p[_P_ALIGN_RATE]:
-            if count >= p[_P_ALIGN_MIN]:
+            if s[_S_AL_RESTARTS] < 0x3FFFFFFF:
+                s[_S_AL_RESTARTS] = s[_S_AL_RESTARTS] + 1
+            if count >= p[_P_ALIGN_MIN] and count > s[_S_AL_BEST]:
                 return 2
             count = 0
-            s[_S_AL_RESTARTS] = s[_S_AL_RESTARTS] + 1
     if count == 0:
         peak_acc = 0
         peak_rate = 0
@@ -130,31 +142,48 @@ def head(s: ptr32, p: ptr32, w: ptr32) -> int:
 
 
 @micropython.viper
-def finish(s: ptr32, p: ptr32, w: ptr32) -> int:
-    """Biases, gravity, attitude and first variances from the stretch. 0 if it makes no sense."""
+def sensible(s: ptr32, p: ptr32, w: ptr32) -> int:
+    """1 if the stretch may be a sensor at rest on Earth; its mean force (Q20) into work NAV."""
     count = s[_S_AL_COUNT]
+    total = 0
     i = 0
     while i < 3:
-        total = s[_S_AL_SUM + 3 + i]
-        if total < 0:
-            total = 0 - total
-        if total >= p[_P_BIAS_MAX] * count:
+        rate = s[_S_AL_SUM + 3 + i]
+        if rate < 0:
+            rate = 0 - rate
+        if rate >= p[_P_BIAS_MAX] * count:
             return 0
+        force = int(mulshift(int(div(s[_S_AL_SUM + i], count, 15)), p[_P_ACC_SCALE], 17))
+        if force > _G_MAX or force < 0 - _G_MAX:
+            return 0
+        w[_W_NAV + i] = force
+        force = force >> 13
+        total = total + force * force
         i = i + 1
-    scale = p[_P_ACC_SCALE]
-    ax = int(mulshift(int(div(s[_S_AL_SUM], count, 15)), scale, 17))
-    ay = int(mulshift(int(div(s[_S_AL_SUM + 1], count, 15)), scale, 17))
-    az = int(mulshift(int(div(s[_S_AL_SUM + 2], count, 15)), scale, 17))
-    if ax > _G_MAX or ay > _G_MAX or az > _G_MAX:
+    norm = int(isqrt(total)) << 13
+    return int(_G_MIN < norm < _G_MAX)
+
+
+@micropython.viper
+def finish(s: ptr32, p: ptr32, w: ptr32) -> int:
+    """Start navigating from the stretch: biases, gravity, attitude, first variances.
+
+    1, or 0 where the stretch makes no sense; then nothing has changed.
+    """
+    if int(sensible(s, p, w)) == 0:
         return 0
-    if ax < 0 - _G_MAX or ay < 0 - _G_MAX or az < 0 - _G_MAX:
-        return 0
-    int(level(s, w, ax, ay, az))
-    gravity = w[_W_NAV + 2]
-    if gravity < _G_MIN or gravity > _G_MAX:
-        return 0
+    i = _S_ATT
+    while i < _S_STEP_VAR + 3:
+        s[i] = 0
+        i = i + 1
+    s[_S_STANCE] = 0
+    s[_S_RNG] = (p[_P_SEED] >> 16) & 65535
+    s[_S_RNG + 1] = p[_P_SEED] & 65535
+    s[_S_TICK_STEP] = s[_S_TICK]
+    int(level(s, w, w[_W_NAV], w[_W_NAV + 1], w[_W_NAV + 2]))
+    s[_S_GRAVITY] = w[_W_NAV + 2]
     int(head(s, p, w))
-    s[_S_GRAVITY] = gravity
+    count = s[_S_AL_COUNT]
     i = 0
     while i < 3:
         s[_S_BIAS + i] = int(div(s[_S_AL_SUM + 3 + i], count, 20))
@@ -162,4 +191,19 @@ def finish(s: ptr32, p: ptr32, w: ptr32) -> int:
         i = i + 1
     s[_S_P_TT] = p[_P_P_TT_0]
     s[_S_P_TT + 1] = p[_P_P_TT_0]
+    s[_S_AL_BEST] = count
+    s[_S_MODE] = 1
     return 1
+
+
+@micropython.viper
+def align(s: ptr32, p: ptr32, w: ptr32, m: ptr32) -> int:
+    """One sample of the search. 0, or 1 (this sample used up) or 2 (not) for a new start."""
+    found = int(gather(s, p, m))
+    if found == 0:
+        return 0
+    made = int(finish(s, p, w))
+    if found == 1 and made:
+        s[_S_AL_DONE] = 1
+    s[_S_AL_COUNT] = 0
+    return found * made

@@ -10,13 +10,13 @@ from solenav_core.qmath import clamp, mulsat, mulshift
 
 _LIMIT = const(0x3FFFFFFF)  # 16 (m/s)², 64 m²/s and m², 4 rad m/s and rad m, 1 rad²
 
-_S_P_VV = const(72)
-_S_P_PV = const(75)
-_S_P_PP = const(78)
-_S_P_VT = const(81)
-_S_P_PT = const(83)
-_S_P_TT = const(85)
-_S_DP_VV = const(87)
+_S_P_VV = const(74)
+_S_P_PV = const(77)
+_S_P_PP = const(80)
+_S_P_VT = const(83)
+_S_P_PT = const(85)
+_S_P_TT = const(87)
+_S_DP_VV = const(89)
 _P_DT = const(3)
 _P_GAMMA = const(19)
 _P_GAMMA2 = const(20)

@@ -9,12 +9,12 @@ from solenav_core.qmath import isqrt
 
 _NORM_MAX = const(8191)  # 64 m/s² in Q7: 31 squared deviations still fit one word
 
-_S_STANCE = const(19)
-_S_ACC_NORM = const(20)
-_S_STILL_TICKS = const(21)
-_S_RING_HEAD = const(22)
-_S_RING_FILL = const(23)
-_S_RING = const(24)
+_S_STANCE = const(21)
+_S_ACC_NORM = const(22)
+_S_STILL_TICKS = const(23)
+_S_RING_HEAD = const(24)
+_S_RING_FILL = const(25)
+_S_RING = const(26)
 _P_ACC_SCALE = const(1)
 _P_ACC_MIN = const(11)
 _P_ACC_MAX = const(12)

@@ -76,13 +76,13 @@ MESSAGES = (
     (
         ALIGN,
         "ALIGN",
-        "at the end of the static start",
+        "when a static start is taken; a better one may follow before the first step",
         (
             ("attitude", "i", 4, "Q30", "body to ENU, scalar first"),
             ("bias", "i", 3, "Q20 counts", "gyro bias"),
             ("gravity", "i", 1, "Q20 m/s²", "mean specific force"),
             ("ticks", "i", 1, "ticks", "still samples used"),
-            ("restarts", "i", 1, "", "times that motion restarted it"),
+            ("restarts", "i", 1, "", "stretches of stillness that motion ended"),
             ("peak_acc", "i", 1, "counts", "largest deviation from the first still sample"),
             ("peak_rate", "i", 1, "counts", "largest deviation from the first still sample"),
             ("digest", "I", 1, "", "CRC-32 of the state"),
@@ -222,7 +222,7 @@ def schema_hash():
 SCHEMA = schema_hash()
 
 _AT = offsets(STATE_FIELDS)
-_ALIGN = _AT["ATT"], _AT["BIAS"], _AT["GRAVITY"], _AT["AL_COUNT"]
+_ALIGN = _AT["ATT"], _AT["BIAS"], _AT["GRAVITY"], _AT["AL_BEST"]
 _POSE = (_AT["POS"], _AT["CELL"], _AT["VEL"], _AT["ATT"], _AT["THRESHOLD"], _AT["N_EFF"])
 _POSE2 = (_AT["M2"], _AT["ACC_NORM"], _AT["RESAMPLED"], _AT["STEPS"], _AT["DISTANCE"])
 _FLAGS = (_AT["STANCE"], _AT["MODE"], _AT["SWING_TICKS"], _AT["SATURATED"])

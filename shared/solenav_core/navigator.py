@@ -8,7 +8,7 @@ CRC-32 is the digest.
 from array import array
 from binascii import crc32
 
-from solenav_core.align import finish, gather
+from solenav_core.align import align
 from solenav_core.compat import const, micropython, ptr32
 from solenav_core.covariance import grow
 from solenav_core.detector import detect, push
@@ -19,7 +19,7 @@ from solenav_core.steps import stood, swung
 from solenav_core.strapdown import correct_rate, propagate, recentre
 
 # What `tick` returns: bits.
-ALIGNED = 1  # the static start ended on this tick
+ALIGNED = 1  # a static start was taken on this tick; a better one may follow
 STANCE = 2
 STEP = 4  # a step's figures are settled
 RESAMPLED = 8
@@ -29,20 +29,20 @@ _TOP = const(0x3FFFFFFF)
 
 _S_TICK = const(0)
 _S_MODE = const(1)
-_S_AL_COUNT = const(3)
-_S_AL_RESTARTS = const(4)
-_S_STANCE = const(19)
-_S_STILL_TICKS = const(21)
-_S_BIAS = const(68)
-_S_RNG = const(91)
-_S_SWING_TICKS = const(90)
-_S_SINCE_CONSISTENT = const(94)
-_S_POS_LAST = const(500)
-_S_POS_REF = const(503)
+_S_AL_DONE = const(4)
+_S_STANCE = const(21)
+_S_STILL_TICKS = const(23)
+_S_BIAS = const(70)
+_S_RNG = const(93)
+_S_SWING_TICKS = const(92)
+_S_SINCE_CONSISTENT = const(96)
+_S_POS_LAST = const(502)
+_S_POS_REF = const(505)
 _P_BIAS_MAX = const(10)
 _P_STILL_TICKS = const(17)
 _P_STILL_GAIN = const(18)
 _P_FREEZE_TICKS = const(24)
+_P_STEP_SWING = const(39)
 _P_SEED = const(41)
 _W_RATE = const(3)
 
@@ -97,21 +97,15 @@ def tick(s: ptr32, p: ptr32, w: ptr32, t: ptr32, m: ptr32) -> int:
 
     `p` parameters, `w` work area, `t` tables. Order: docs/algorithm.md.
     """
-    if s[_S_TICK] < _TOP:
+    if (s[_S_TICK] >> 24) < 127:  # 123 days at 200 Hz; then it stops, short of the word
         s[_S_TICK] = s[_S_TICK] + 1
     int(push(s, p, m))
     events = 0
-    if s[_S_MODE] == 0:
-        still = int(gather(s, p, m))
-        if still == 0:
-            return 0
-        if int(finish(s, p, w)) == 0:
-            s[_S_AL_COUNT] = 0
-            s[_S_AL_RESTARTS] = s[_S_AL_RESTARTS] + 1
-            return 0
-        s[_S_MODE] = 1
-        events = 1
-        if still == 1:
+    if s[_S_AL_DONE] == 0:
+        start = int(align(s, p, w, m))
+        if start:
+            events = 1
+        if start == 1 or s[_S_MODE] == 0:
             return events
     int(correct_rate(s, w, m))
     int(propagate(s, p, w, m))
@@ -122,6 +116,8 @@ def tick(s: ptr32, p: ptr32, w: ptr32, t: ptr32, m: ptr32) -> int:
     if int(detect(s, p, w)) == 0:
         if s[_S_SWING_TICKS] < _TOP:
             s[_S_SWING_TICKS] = s[_S_SWING_TICKS] + 1
+        if s[_S_SWING_TICKS] >= p[_P_STEP_SWING]:
+            s[_S_AL_DONE] = 1
         s[_S_STANCE] = 0
         int(recentre(s))
         return events | int(swung(s, p)) << 2

@@ -13,7 +13,6 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -216,7 +215,7 @@ class SimulatedBoard:
     def _let_client_read(self) -> None:
         """Until the port's input has stayed empty, or closing."""
         empty = 0
-        while empty < 3 and not self._closing.is_set():
+        # More than one look: the kernel hands bytes on to an emptied input after a while.
+        while empty < 5 and not self._closing.wait(0.02):
             waiting = fcntl.ioctl(self._slave, termios.FIONREAD, b"\0" * 4)
             empty = 0 if any(waiting) else empty + 1
-            time.sleep(0.01)

@@ -14,7 +14,7 @@ PARAMS = array(
         200,  # ALIGN_TICKS
         40,  # ALIGN_MIN
         104,  # ALIGN_ACC
-        66,  # ALIGN_RATE
+        57,  # ALIGN_RATE
         820,  # BIAS_MAX
         1062,  # ACC_MIN
         1446,  # ACC_MAX
@@ -41,7 +41,7 @@ PARAMS = array(
         6554,  # K_E
         8192,  # K
         50,  # HEAVY_MIN
-        300,  # LOCKOUT_TICKS
+        400,  # LOCKOUT_TICKS
         5,  # LOCKOUT_MIN
         671089,  # P_VV_H1
         30,  # STEP_SWING

@@ -23,9 +23,7 @@ def evaluate(
     as_json: Json = False,
 ) -> None:
     """Distance, closure, and errors against the truth where it is known."""
-    result = evaluation.evaluate(
-        capture.load(file), align=align.value, require_truth=require_truth
-    )
+    result = evaluation.evaluate(capture.load(file), align=align.value, require_truth=require_truth)
     if as_json:
         say_json(result.as_dict())
         return

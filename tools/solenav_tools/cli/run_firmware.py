@@ -16,9 +16,7 @@ from solenav_tools.outcome import need_alignment
 
 def run_firmware(
     file: CaptureFile,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Capture to write.")
-    ] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Capture to write.")] = None,
     pose_every: Annotated[int, typer.Option(min=1, help="A POSE on every n-th tick.")] = 1,
     serve: Annotated[
         bool, typer.Option(help="Don't record: print the port for `monitor` or `record`.")

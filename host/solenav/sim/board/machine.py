@@ -50,10 +50,13 @@ def idle() -> None:
 
     With nothing sampled the board waits for a person: time then passes no faster than theirs.
     """
+    # As with WFE: an interrupt just before is not slept over, nor is the last sample.
+    if simtime.woken():
+        return
     if _playback and _playback.over:
         raise SystemExit
     if _sensor and _sensor.sampling:
-        simtime.advance(simtime.until_event(_IDLE_MAX))
+        simtime.wait(_IDLE_MAX)
     else:
         if _uart:
             _uart.wait(1)

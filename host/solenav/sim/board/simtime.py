@@ -1,7 +1,7 @@
 """Simulated `time`: a clock in µs that passes by waiting, with one event to come.
 
-MicroPython's module for microcontrollers, as far as the firmware uses it. Work of the processor
-takes no time, except that each look at the clock takes 1 µs, so that every busy loop ends.
+The tick and sleep functions that MicroPython has on microcontrollers. Work of the processor takes
+no time, except that each look at the clock takes 1 µs, so that every busy loop ends.
 """
 
 import time as _wall
@@ -17,6 +17,7 @@ _NEVER = 1 << 60
 _now = 0
 _due = _NEVER
 _event: Callable[[], None] | None = None
+_happened = False  # an event since the last wait
 _started = -1  # wall clock (µs) at simulated 0 where simulated time follows it
 
 
@@ -38,18 +39,29 @@ def at(time_us: int, event: Callable[[], None]) -> None:
     _event = event
 
 
-def until_event(most_us: int) -> int:
-    """µs until the event, at most `most_us`."""
-    return min(_due - _now, most_us)
+def wait(most_us: int) -> None:
+    """Until the event, or for `most_us`."""
+    global _happened
+    advance(min(_due - _now, most_us))
+    _happened = False
+
+
+def woken() -> bool:
+    """Whether an event came since the last wait; asked once, it is forgotten."""
+    global _happened
+    happened = _happened
+    _happened = False
+    return happened
 
 
 def advance(us: int) -> None:
     """Let time pass; the events of that time happen, each with the clock at its own time."""
-    global _now, _due, _event
+    global _now, _due, _happened
     target = _now + us
     while _due <= target:
         _now = max(_now, _due)
         _due = _NEVER
+        _happened = True
         if _event is not None:
             _event()
     _now = max(_now, target)
@@ -87,3 +99,7 @@ def sleep_us(us: int) -> None:
 
 def sleep_ms(ms: int) -> None:
     advance(1000 * ms)
+
+
+def sleep(seconds: float) -> None:
+    advance(round(1_000_000 * seconds))
