@@ -1,4 +1,4 @@
-"""What the core does: static start, stance, steps, recovery, and its likeness to the float oracle."""
+"""What the core does: static start, stance, steps, recovery; likeness to the float oracle."""
 
 from __future__ import annotations
 

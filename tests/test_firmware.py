@@ -23,6 +23,7 @@ from wire import Message
 from solenav import engines
 from solenav.errors import SolenavError
 from solenav_core import messages
+from solenav_core.params import NAMES
 from solenav_core.tables.defaults import PARAMS
 from solenav_tools.board import Samples, SimulatedBoard
 from solenav_tools.micropython import find_micropython
@@ -32,6 +33,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="no pseudo-terminals 
 
 N = 1000
 PERIOD = 5000
+ALIGN_TICKS = PARAMS[NAMES.index("ALIGN_TICKS")]
 FIRST = 0  # µs from the start of sampling to the first sample
 
 
@@ -166,7 +168,7 @@ def test_every_sample_is_told(standing: Client) -> None:
 def test_messages_in_order_and_complete(standing: Client) -> None:
     assert [m.seq for m in standing.messages] == [i & 255 for i in range(len(standing.messages))]
     (align,) = standing.named("ALIGN")
-    assert align.tick == PARAMS[6]
+    assert align.tick == ALIGN_TICKS
     assert [m.tick for m in standing.named("POSE")] == list(range(align.tick, N + 1))
     assert [m.tick for m in standing.named("STATUS")] == list(range(200, N + 1, 200))
     snapshots = {m.tick for m in standing.named("SNAPSHOT")}
@@ -284,7 +286,7 @@ def test_commands() -> None:
             "HELLO",
             "PARAMS",
         ]
-        assert client.until(lambda m: m.name == "ALIGN").tick == PARAMS[6]
+        assert client.until(lambda m: m.name == "ALIGN").tick == ALIGN_TICKS
 
 
 def test_a_command_is_carried_out_once() -> None:

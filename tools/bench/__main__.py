@@ -81,8 +81,9 @@ def recorded() -> tuple[NDArray[np.int16], array[int], NDArray[np.bool_]]:
 
 
 def still(count: int) -> NDArray[np.int16]:
-    noise = np.random.default_rng(1).normal(0, 3, (count, 6))
-    return np.rint(noise + [0, 0, 2048, 0, 0, 0]).astype(np.int16)
+    counts = np.random.default_rng(1).normal(0, 3, (count, 6))
+    counts[:, 2] += 2048
+    return np.rint(counts).astype(np.int16)
 
 
 def speed(name: str, counts: NDArray[np.int16], params: array[int]) -> float:

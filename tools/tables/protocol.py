@@ -44,7 +44,7 @@ def render() -> str:
             continue
         lines += ["| field | type | format | meaning |", "|---|---|---|---|"]
         for field, code, count, form, meaning in fields:
-            many = f"{count}×`{code}`" if count > 1 else f"`{code}`"
+            many = f"{count} `{code}`" if count > 1 else f"`{code}`"
             lines.append(f"| {field} | {many} | {form} | {meaning} |")
         lines.append("")
     lines += ["## Parameters\n", "| # | name | format | meaning |", "|---|---|---|---|"]

@@ -69,8 +69,8 @@ def _write(text: str) -> Path:
     except OSError:
         folder = Path(tempfile.mkdtemp(prefix="solenav-"))
         handle, passing = tempfile.mkstemp(dir=folder)
-    with open(handle, "w", encoding="utf-8") as file:
-        file.write(text)
+    os.close(handle)
+    Path(passing).write_text(text, encoding="utf-8")
     path = folder / name
     if path.exists():
         # Touching it would make numba compile again.

@@ -12,13 +12,14 @@ from solenav import evaluate as evaluation
 from solenav_tools.cli.output import CaptureFile, Json, say, say_json
 
 Align = Enum("Align", {name: name for name in evaluation.ALIGNMENTS}, type=str)  # type: ignore[misc]
+_AUTO = Align("auto")
 
 
 def evaluate(
     file: CaptureFile,
     align: Annotated[
         Align, typer.Option(help="How the truth is laid on; auto: not at all where it is ENU.")
-    ] = Align("auto"),
+    ] = _AUTO,
     require_truth: Annotated[bool, typer.Option(help="No truth is an error.")] = False,
     as_json: Json = False,
 ) -> None:
