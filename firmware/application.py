@@ -33,7 +33,7 @@ class Application:
         self.sensor = Mpu9150(board.i2c)
         self.sampler = Sampler(self.sensor, board.ready, rate)
         self.params = params
-        self.state = navigator.new_state(params)
+        self.state = navigator.new_state()
         self.work = navigator.new_work()
         self.board = board
         self.build = config.build()
@@ -188,7 +188,7 @@ class Application:
 
     def start(self):
         """A fresh static start."""
-        navigator.reset(self.state, self.params)
+        navigator.reset(self.state)
         self.wanted = True
         self.wake()
 

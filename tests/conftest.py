@@ -27,15 +27,7 @@ def data() -> Path:
 @pytest.fixture(scope="session")
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A capture of samples: 30 s of the closed loop, standing start and some strides."""
-    recording = simulate("loop", seed=3)
-    count = int(30 * recording.rate_hz)
-    truth = recording.truth
-    assert truth is not None and truth.velocity_enu is not None and truth.stance is not None
-    for name in ("time_s", "accel", "gyro"):
-        setattr(recording, name, getattr(recording, name)[:count])
-    for name in ("time_s", "position_enu", "velocity_enu", "stance"):
-        setattr(truth, name, getattr(truth, name)[:count])
-    truth.closed_loop = False
+    recording = simulate("loop", seed=3).first(30.0)
     path = tmp_path_factory.mktemp("walk") / "walk.solcap"
     importing.to_capture(recording, path)
     return path

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli import refused, solenav
+
 from solenav import capture, importing, link
 from solenav import replay as replaying
 from solenav.recording import Recording
@@ -179,7 +180,7 @@ def test_never_standing_still_is_told_and_the_samples_are_kept(tmp_path: Path) -
     recording = Recording(
         "restless",
         np.arange(n) / 200,
-        rng.normal(0, 3, (n, 3)) + [0, 0, 9.8],
+        rng.normal([0, 0, 9.8], 3, (n, 3)),
         rng.normal(0, 2, (n, 3)),
         200.0,
     )

@@ -150,8 +150,7 @@ def test_an_unknown_engine_is_an_error_with_a_remedy() -> None:
 
 
 def test_the_digest_sees_every_word() -> None:
-    params = parameters.to_integers(parameters.Settings(), 200.0)
-    state = navigator.new_state(params)
+    state = navigator.new_state()
     seen = {navigator.digest(state)}
     for i in range(len(state)):
         state[i] ^= 1

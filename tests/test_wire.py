@@ -107,7 +107,7 @@ def test_the_schema_hash_changes_with_any_field(monkeypatch: pytest.MonkeyPatch)
 def test_a_pose_of_any_state_packs(words: list[int]) -> None:
     """Ranges that the core keeps are respected; the rest of the words may be anything."""
     params = parameters.to_integers(parameters.Settings(), 200.0)
-    state = navigator.new_state(params)
+    state = navigator.new_state()
     at = messages._AT
     for i, word in enumerate(words[: len(state)]):
         state[i] = word

@@ -6,7 +6,7 @@ and `solenav.mpu9150.to_counts` turns one into the raw counts that the core read
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -53,3 +53,25 @@ class Recording:
     truth: Truth | None = None
     source: str = ""
     notes: dict[str, Any] = field(default_factory=dict)
+
+    def first(self, seconds: float) -> Recording:
+        """The recording's beginning, with the truth of that time; no loop is closed any more."""
+        kept = self.time_s < seconds
+        truth = self.truth
+        if truth is not None:
+            known = truth.time_s < seconds
+            truth = replace(
+                truth,
+                time_s=truth.time_s[known],
+                position_enu=truth.position_enu[known],
+                velocity_enu=None if truth.velocity_enu is None else truth.velocity_enu[known],
+                stance=None if truth.stance is None else truth.stance[known],
+                closed_loop=truth.closed_loop and bool(kept.all()),
+            )
+        return replace(
+            self,
+            time_s=self.time_s[kept],
+            accel=self.accel[kept],
+            gyro=self.gyro[kept],
+            truth=truth,
+        )

@@ -9,7 +9,6 @@ from solenav_core.qmath import isqrt
 
 _NORM_MAX = const(8191)  # 64 m/s² in Q7: 31 squared deviations still fit one word
 
-_S_STANCE = const(21)
 _S_ACC_NORM = const(22)
 _S_STILL_TICKS = const(23)
 _S_RING_HEAD = const(24)

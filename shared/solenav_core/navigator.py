@@ -33,7 +33,6 @@ _S_AL_DONE = const(4)
 _S_STANCE = const(21)
 _S_STILL_TICKS = const(23)
 _S_BIAS = const(70)
-_S_RNG = const(93)
 _S_SWING_TICKS = const(92)
 _S_SINCE_CONSISTENT = const(96)
 _S_POS_LAST = const(502)
@@ -43,15 +42,12 @@ _P_STILL_TICKS = const(17)
 _P_STILL_GAIN = const(18)
 _P_FREEZE_TICKS = const(24)
 _P_STEP_SWING = const(39)
-_P_SEED = const(41)
 _W_RATE = const(3)
 
 
-def new_state(params):
+def new_state():
     """A navigator before its first sample: `array('i')` of the layout's size."""
-    state = array("i", bytes(4 * size(STATE_FIELDS)))
-    reset(state, params)
-    return state
+    return array("i", bytes(4 * size(STATE_FIELDS)))
 
 
 def new_work():
@@ -64,12 +60,10 @@ def new_sample():
     return array("i", bytes(4 * size(SAMPLE_FIELDS)))
 
 
-def reset(state, params):
+def reset(state):
     """Back to before the first sample."""
     for i in range(len(state)):
         state[i] = 0
-    state[_S_RNG] = (params[_P_SEED] >> 16) & 65535
-    state[_S_RNG + 1] = params[_P_SEED] & 65535
 
 
 def digest(state):

@@ -14,7 +14,6 @@ from solenav_core.strapdown import turn
 _N = const(100)
 _STRIDE = const(37)  # prime to 100: every particle gets another row of the table
 _LIMIT = const(0x3FFFFFFF)
-_ONE_W = const(16384)  # weight 1
 _X_MAX = const(1048575)  # 16 m/s in Q16: 100 weights of 1 times this fit after the split by 2**10
 _E_MAX = const(4095)  # largest deviation on the spread's scale
 _KP_MAX = const(33554432)  # 32 s in Q20

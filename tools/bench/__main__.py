@@ -36,7 +36,7 @@ import gc
 from solenav_core import navigator
 from solenav_core.tables.lookup import TABLES
 from solenav_core.tables.defaults import PARAMS
-state = navigator.new_state(PARAMS)
+state = navigator.new_state()
 work = navigator.new_work()
 sample = navigator.new_sample()
 sample[2] = 2048

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import time
 from collections.abc import Callable, Iterator
 
@@ -14,8 +15,11 @@ from solenav_tools.ports import read_some, send
 
 
 def ask(port: serial.Serial, *commands: int) -> None:
-    """Send commands to the board."""
-    frames = FrameWriter()
+    """Send commands to the board.
+
+    The first seq is drawn: a board answers the same command with the same seq only once.
+    """
+    frames = FrameWriter(random.randrange(256))
     for command in commands:
         send(port, frames.frame(command, 0))
 

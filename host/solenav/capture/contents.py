@@ -154,8 +154,8 @@ class Capture:
 
 def unwrap(time_us: NDArray[Any]) -> FloatArray:
     """Board time stamps (µs modulo 2**32, in order) to seconds without wraps."""
-    steps: NDArray[np.int64] = np.diff(time_us.astype(np.int64))
-    return np.concatenate([[0.0], np.cumsum(steps % 2**32)]) * 1e-6 + float(time_us[0]) * 1e-6
+    steps = np.diff(time_us.astype(np.int64)).astype(np.int64) % 2**32
+    return np.concatenate([[0.0], np.cumsum(steps)]) * 1e-6 + float(time_us[0]) * 1e-6
 
 
 class _Snapshots:

@@ -33,7 +33,7 @@ class Engine:
     def __init__(self, name: str, params: array[int]) -> None:
         self.name = name
         self.params = params
-        self.state = navigator.new_state(params)
+        self.state = navigator.new_state()
         self._arrays: tuple[Any, ...] = (
             self.state,
             params,

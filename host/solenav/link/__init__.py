@@ -109,10 +109,10 @@ class FrameReader:
 
 
 class FrameWriter:
-    """Encodes frames with running sequence numbers."""
+    """Encodes frames with running sequence numbers, modulo 256."""
 
-    def __init__(self) -> None:
-        self._seq = 0
+    def __init__(self, first_seq: int = 0) -> None:
+        self._seq = first_seq
 
     def frame(self, kind: int, tick: int, payload: bytes = b"") -> bytes:
         data = encode(kind, self._seq, tick, payload)

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from solenav import datasets, importing
+from solenav.errors import SolenavError
 from solenav_tools.cli.output import Json, check_output, say, say_json, warn
 
 Format = Enum("Format", {name: name for name in datasets.FORMATS}, type=str)  # type: ignore[misc]
@@ -28,11 +29,18 @@ def import_recording(
         Path | None,
         typer.Option("-o", "--output", help="Capture to write; default: FILE.solcap here."),
     ] = None,
+    duration: Annotated[float | None, typer.Option(help="Only the first so many seconds.")] = None,
     foot: Annotated[Foot, typer.Option(help="Where the file holds both feet.")] = Foot.right,
     as_json: Json = False,
 ) -> None:
     """Turn a public foot-mounted recording into MPU-9150 counts (±16 g, ±2000 °/s)."""
     recording = datasets.read(file, format.value, foot=foot.value)
+    if duration is not None:
+        recording = recording.first(duration)
+        if len(recording.time_s) < 2:
+            raise SolenavError(
+                f"{duration:g} s of {file} hold no two samples", "choose a longer --duration"
+            )
     target = check_output(output or Path(f"{recording.name}.solcap"), ".solcap")
     notes = importing.to_capture(recording, target)
     for what in ("accel", "gyro"):
