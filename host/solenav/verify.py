@@ -17,6 +17,7 @@ import numpy as np
 from solenav import engines
 from solenav.capture.contents import Capture, dtype
 from solenav.errors import SolenavError
+from solenav.link import NAMES
 from solenav_core import layout, messages
 
 # The stage that owns a field, for messages; in the order in which a tick computes them.
@@ -175,15 +176,11 @@ def verify(
             if difference is not None:
                 run.report.difference = difference
                 return run.report
-            run.equal(messages_name(kind))
+            run.equal(NAMES[kind])
         progress(run.row)
     run.samples_until(len(capture.samples))
     progress(len(capture.samples))
     return run.report
-
-
-def messages_name(kind: int) -> str:
-    return next(name for k, name, _when, _fields in messages.MESSAGES if k == kind)
 
 
 def _items(capture: Capture) -> list[tuple[int, int, int, bytes]]:
@@ -232,7 +229,7 @@ def _compare(engine: engines.Engine, kind: int, tick: int, payload: bytes) -> Di
                 found.append((_STAGES[name], label, int(a), int(b)))
     stage, label, a, b = found[0]
     also = [name for _stage, name, _a, _b in found[1:]]
-    return Difference(tick, messages_name(kind), stage, label, a, b, also)
+    return Difference(tick, NAMES[kind], stage, label, a, b, also)
 
 
 def _compare_state(engine: engines.Engine, tick: int, state: bytes) -> Difference | None:

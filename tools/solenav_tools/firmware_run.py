@@ -30,7 +30,7 @@ def run(
     *,
     pose_every: int,
     progress: Callable[[int], None] = lambda done: None,
-) -> Capture:
+) -> None:
     """Record what the firmware sends over all of the capture's samples.
 
     Arrival times are the board's, so that two runs give the same file. SolenavError where the
@@ -58,4 +58,3 @@ def run(
         board.wait()
         board.check()
     replay.finish(output, {**source.sidecar, "board": "simulated"}, source.truth)
-    return source

@@ -17,6 +17,8 @@ from pathlib import Path
 CORE = Path(__file__).resolve().parents[2] / "shared" / "solenav_core"
 sys.path.insert(0, str(CORE.parent))
 
+from generated import keep  # noqa: E402
+
 from solenav_core import layout, params  # noqa: E402
 
 OFFSETS = {
@@ -35,17 +37,12 @@ def current(source: str) -> str:
 
 
 def main() -> int:
-    check = "--check" in sys.argv[1:]
-    stale = []
+    stale = 0
     for path in sorted(CORE.glob("*.py")):
         source = path.read_text(encoding="utf-8")
-        if current(source) != source:
-            stale.append(path.name)
-            if not check:
-                path.write_text(current(source), encoding="utf-8")
-    if stale:
-        print("stale offsets in" if check else "rewrote", ", ".join(stale))
-    return 1 if check and stale else 0
+        if LINE.search(source):
+            stale |= keep(path, current(source))
+    return stale
 
 
 if __name__ == "__main__":

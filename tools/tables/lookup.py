@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from generated import keep
 from scipy.special import ndtri
 from scipy.stats import qmc
 
@@ -61,16 +62,5 @@ def render() -> str:
     return "\n".join(lines)
 
 
-def main() -> int:
-    text = render()
-    if "--check" in sys.argv[1:]:
-        if TARGET.read_text(encoding="utf-8") != text:
-            print(f"{TARGET.name} is stale: run tools/tables/lookup.py")
-            return 1
-        return 0
-    TARGET.write_text(text, encoding="utf-8")
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(keep(TARGET, render()))

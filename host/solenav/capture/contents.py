@@ -5,13 +5,14 @@ from __future__ import annotations
 from array import array
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solenav.capture.file import read_records, truncated
+from solenav.capture.file import scan
 from solenav.capture.sidecar import read_sidecar, read_truth
 from solenav.errors import SolenavError
 from solenav.link import FIELDS, NAMES, Damage, Frame, FrameReader, unpack
@@ -66,7 +67,7 @@ class Capture:
     logs: list[tuple[int, str, str]] = field(default_factory=list)  # tick, level, text
     counts: Counter[str] = field(default_factory=Counter)
     damaged: Counter[str] = field(default_factory=Counter)
-    missing_bytes: int = 0
+    cut_off_bytes: int = 0  # of a last record that isn't whole
     arrival: tuple[float, float] = (0.0, 0.0)
 
     @property
@@ -77,8 +78,9 @@ class Capture:
                 return int(hello["schema"])
         return None
 
-    @property
+    @cached_property
     def truth(self) -> Truth | None:
+        """The truth beside the capture, or None. SolenavError where its file is damaged."""
         return read_truth(self.path)
 
     @property
@@ -191,7 +193,8 @@ def load(path: Path) -> Capture:
     snapshots = _Snapshots()
     order = 0
     arrivals: list[float] = []
-    for arrival, data in read_records(path):
+    records, cut_off = scan(path)
+    for arrival, data in records:
         arrivals = [arrivals[0] if arrivals else arrival, arrival]
         for item in reader.feed(data):
             order += 1
@@ -216,7 +219,7 @@ def load(path: Path) -> Capture:
         for kind in _TABLES
     ]
     out.samples, out.poses, out.steps, out.aligns, out.statuses = tables
-    out.missing_bytes = truncated(path)
+    out.cut_off_bytes = cut_off
     if arrivals:
         out.arrival = (arrivals[0], arrivals[1])
     return out

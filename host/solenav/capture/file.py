@@ -8,7 +8,6 @@ whole record is there. A record holds any piece of the stream; frames may span r
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO
@@ -70,10 +69,11 @@ class CaptureWriter:
         self._file.close()
 
 
-def read_records(path: Path) -> Iterator[tuple[float, bytes]]:
-    """The capture's records. A last record that is cut off comes as far as it goes.
+def scan(path: Path) -> tuple[list[tuple[float, bytes]], int]:
+    """The capture's records, and how many bytes of an unfinished one stand at its end.
 
-    SolenavError where the file is missing, empty or no capture.
+    What is there of an unfinished record comes as the last one. SolenavError where the file is
+    missing, empty or no capture.
     """
     try:
         data = path.read_bytes()
@@ -88,18 +88,18 @@ def read_records(path: Path) -> Iterator[tuple[float, bytes]]:
             f"{path} is no solenav capture (it begins with {data[:8]!r})",
             "make captures with `solenav record`, `simulate` or `import`",
         )
+    records = []
     at = len(MAGIC)
     while at + _RECORD.size <= len(data):
         arrival, length = _RECORD.unpack_from(data, at)
-        at += _RECORD.size
-        yield arrival, data[at : at + length]
-        at += length
+        start = at + _RECORD.size
+        records.append((arrival, data[start : start + length]))
+        if start + length > len(data):
+            break
+        at = start + length
+    return records, len(data) - at
 
 
-def truncated(path: Path) -> int:
-    """How many bytes the last record lacks, or of a record's head there are too few to read."""
-    data = path.read_bytes()
-    at = len(MAGIC)
-    while at + _RECORD.size <= len(data):
-        at += _RECORD.size + _RECORD.unpack_from(data, at)[1]
-    return abs(len(data) - at)
+def read_records(path: Path) -> list[tuple[float, bytes]]:
+    """The capture's records (s, bytes); errors as `scan`."""
+    return scan(path)[0]

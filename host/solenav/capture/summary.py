@@ -17,7 +17,7 @@ def summary(capture: Capture) -> dict[str, Any]:
         "capture": str(capture.path),
         "messages": dict(capture.counts),
         "damaged": dict(capture.damaged),
-        "cut_off_bytes": capture.missing_bytes,
+        "cut_off_bytes": capture.cut_off_bytes,
         "wall_clock_s": round(capture.arrival[1] - capture.arrival[0], 3),
     }
     if capture.hellos:
