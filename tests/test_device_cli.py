@@ -226,3 +226,27 @@ def test_a_missing_micropython_is_told_with_the_remedy(ten: Path, tmp_path: Path
         env=environment,
     )
     refused(done, 2, "can't run", "solenav[board]")
+
+
+def test_long_work_shows_a_progress_bar_on_a_terminal(ten: Path, tmp_path: Path) -> None:
+    pid, terminal = pty.fork()
+    if pid == 0:
+        os.environ |= {"TERM": "xterm", "COLUMNS": "110", "LINES": "30"}
+        command = [
+            "solenav",
+            "replay",
+            str(ten),
+            "--engine",
+            "pure",
+            "-o",
+            str(tmp_path / "x.solcap"),
+        ]
+        os.execv(SOLENAV, command)
+    shown = b""
+    with contextlib.suppress(OSError):
+        while data := os.read(terminal, 4096):
+            shown += data
+    _pid, status = os.waitpid(pid, 0)
+    os.close(terminal)
+    assert os.waitstatus_to_exitcode(status) == 0
+    assert "replaying on pure" in shown.decode() and "━" in shown.decode()
