@@ -34,6 +34,7 @@ tables: $(VENV)/.installed
 	$(BIN)/python tools/tables/constants.py
 	$(BIN)/python tools/tables/lookup.py
 	$(BIN)/python tools/tables/defaults.py
+	$(BIN)/python tools/tables/selftest.py
 	$(BIN)/python tools/tables/protocol.py
 
 $(VENV)/.installed: pyproject.toml

@@ -9,11 +9,12 @@ from link import Link
 from mpu9150 import Mpu9150, SensorError
 from sampler import Sampler
 
-from solenav_core import messages, navigator
+from solenav_core import messages, navigator, selftest
 from solenav_core.framing import HEADER
 from solenav_core.layout import STATE_FIELDS, offsets
 from solenav_core.params import NAMES
 from solenav_core.tables.lookup import TABLES
+from solenav_core.tables.selftest import EXPECTED
 
 _INFO, _WARNING, _ERROR = 0, 1, 2
 _TICK = offsets(STATE_FIELDS)["TICK"]
@@ -47,6 +48,7 @@ class Application:
         self.snapshot_asked = False
         self.worst = 0
         self.complaint = ""
+        self.failed_test = selftest.first_failure(EXPECTED)
         self.beat = ticks_ms()
         self.commands = {
             messages.ASK_HELLO: self.announce,
@@ -57,11 +59,15 @@ class Application:
 
     def run(self):
         """For ever."""
-        try:
-            self.wake()
-        except SensorError as error:
+        if self.failed_test:
             self.announce()
-            self.fail(error)
+            self.refuse()
+        else:
+            try:
+                self.wake()
+            except SensorError as error:
+                self.announce()
+                self.fail(error)
         for problem in self.problems:
             self.log(_ERROR, problem)
         while True:
@@ -117,7 +123,7 @@ class Application:
         """Once a second without samples: tell the host, try a failed sensor again."""
         self.beat = ticks_ms()
         self.sampler.keep_time()
-        if self.mode == messages.FAULT:
+        if self.mode == messages.FAULT and not self.failed_test:
             try:
                 self.retry()
             except SensorError as error:
@@ -137,6 +143,13 @@ class Application:
     def recovered(self):
         self.log(_INFO, "the sensor works again")
         self.complaint = ""
+
+    def refuse(self):
+        """This machine computes the core wrongly: no pose is better than a wrong one."""
+        self.wanted = False
+        self.mode = messages.FAULT
+        name = selftest.TESTS[self.failed_test - 1][0]
+        self.log(_ERROR, "self-test %s failed: not navigating; flash the firmware anew" % name)
 
     def fail(self, error):
         """The sensor is out: say so once, and go on trying."""
@@ -167,7 +180,9 @@ class Application:
         """Carry out a command, then acknowledge it."""
         action = self.commands.get(command)
         result = messages.UNKNOWN
-        if action:
+        if self.failed_test and command in (messages.ASK_START, messages.ASK_STOP):
+            result = messages.REFUSED
+        elif action:
             result = messages.DONE
             try:
                 action()
@@ -181,7 +196,7 @@ class Application:
         # fmt: off
         reports.hello(
             self.link, tick, self.params, self.pose_every, self.sensor.kind, self.board.name,
-            self.build,
+            self.build, self.failed_test,
         )
         # fmt: on
         reports.parameters(self.link, tick, self.params)

@@ -25,15 +25,14 @@ from solenav_core.params import NAMES
 _RATE = NAMES.index("RATE_MHZ")
 
 
-def hello(link, tick, params, pose_every, kind, board, build):
+def hello(link, tick, params, pose_every, kind, board, build, failed_test):
     """Who is speaking. `build` is (hash, version) of the files on the board."""
     version = ".".join([str(n) for n in sys.implementation.version[:3]])
     text = "%s; %s; MicroPython %s" % (board, build[1], version)
-    # Self-test 0: none of the tests that the board ran failed.
     # fmt: off
     pack_into(
         FORMATS[HELLO], link.frame, HEADER, SCHEMA, build[0], crc32(params), params[_RATE],
-        pose_every, kind, machine.reset_cause() & 255, 0,
+        pose_every, kind, machine.reset_cause() & 255, failed_test,
     )
     # fmt: on
     link.send(HELLO, tick, _append(link.frame, HEADER + SIZES[HELLO], text))

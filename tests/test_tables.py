@@ -15,7 +15,7 @@ from solenav_core.tables.lookup import TABLES
 TABLE_SCRIPTS = Path(__file__).parents[1] / "tools" / "tables"
 
 
-@pytest.mark.parametrize("script", ["constants.py", "defaults.py", "lookup.py", "protocol.py"])
+@pytest.mark.parametrize("script", ["constants.py", "defaults.py", "lookup.py", "protocol.py", "selftest.py"])
 def test_generated_files_are_current(script: str) -> None:
     done = subprocess.run(
         [sys.executable, TABLE_SCRIPTS / script, "--check"], capture_output=True, text=True

@@ -50,7 +50,7 @@ def core_path() -> Path:
     return Path(solenav_core.__path__[0])
 
 
-def _constants(tree: ast.Module) -> dict[str, int]:
+def constants(tree: ast.Module) -> dict[str, int]:
     """The module's ``NAME = const(value)`` lines."""
     found = {}
     for node in tree.body:
@@ -63,7 +63,7 @@ def _constants(tree: ast.Module) -> dict[str, int]:
     return found
 
 
-def _is_viper(node: ast.expr) -> bool:
+def is_viper(node: ast.expr) -> bool:
     return isinstance(node, ast.Attribute) and node.attr == "viper"
 
 
@@ -72,9 +72,9 @@ def kernels() -> list[Kernel]:
     out = []
     for module in MODULES:
         tree = ast.parse((core_path() / f"{module}.py").read_text(encoding="utf-8"))
-        literals = _Literals(_constants(tree))
+        literals = _Literals(constants(tree))
         for node in tree.body:
-            if isinstance(node, ast.FunctionDef) and any(map(_is_viper, node.decorator_list)):
+            if isinstance(node, ast.FunctionDef) and any(map(is_viper, node.decorator_list)):
                 node.decorator_list = []
                 out.append(Kernel(module, literals.visit(node)))
     return out

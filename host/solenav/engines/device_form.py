@@ -1,0 +1,257 @@
+"""The device form of the core: the same modules with the small helpers expanded in place.
+
+A call costs a microcontroller some 650 cycles, a multiply-shift a third of that, and an integer
+past 2**30 that goes through a call becomes an object on the heap. So before the core goes to a
+board, calls of the helpers in INLINE are replaced by their bodies: arguments become locals,
+constant arguments are folded, returns become assignments. What is computed stays the same to
+the bit, which the engines' comparison shows; kernels stay readable where people read them.
+"""
+
+from __future__ import annotations
+
+import ast
+import copy
+from dataclasses import dataclass
+
+from solenav.engines.source import constants, core_path, is_viper
+
+INLINE = ("mulshift", "mulsat", "clamp")
+
+
+@dataclass
+class _Helper:
+    """A kernel to expand: its parameters and its body, private constants put in."""
+
+    name: str
+    parameters: list[str]
+    body: list[ast.stmt]
+
+
+class _Names(ast.NodeTransformer):
+    """Replaces names by expressions."""
+
+    def __init__(self, values: dict[str, ast.expr]) -> None:
+        self.values = values
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        found = self.values.get(node.id)
+        if found is None:
+            return node
+        if isinstance(found, ast.Name):
+            return ast.Name(found.id, node.ctx)
+        return copy.deepcopy(found)
+
+
+def _literals(values: dict[str, int]) -> dict[str, ast.expr]:
+    return {name: ast.Constant(value) for name, value in values.items()}
+
+
+def _helpers() -> dict[str, _Helper]:
+    tree = ast.parse((core_path() / "qmath.py").read_text(encoding="utf-8"))
+    names = _Names(_literals(constants(tree)))
+    return {
+        node.name: _Helper(
+            node.name,
+            [argument.arg for argument in node.args.args],
+            [names.visit(statement) for statement in _without_docstring(node.body)],
+        )
+        for node in tree.body
+        if isinstance(node, ast.FunctionDef) and node.name in INLINE
+    }
+
+
+def _without_docstring(body: list[ast.stmt]) -> list[ast.stmt]:
+    first = body[0]
+    if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
+        return body[1:]
+    return body
+
+
+def _assigned(body: list[ast.stmt]) -> list[str]:
+    """Names that a body assigns, once for each time."""
+    return [
+        node.id
+        for statement in body
+        for node in ast.walk(statement)
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
+    ]
+
+
+class _Fold(ast.NodeTransformer):
+    """Computes operations and comparisons of constants."""
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
+        self.generic_visit(node)
+        if isinstance(node.left, ast.Constant) and isinstance(node.right, ast.Constant):
+            value = eval(compile(ast.Expression(ast.fix_missing_locations(node)), "", "eval"))
+            if abs(value) < 2**30:  # a larger literal is an object on the board
+                return _constant(value)
+        return node
+
+    def visit_Compare(self, node: ast.Compare) -> ast.expr:
+        self.generic_visit(node)
+        if all(isinstance(e, ast.Constant) for e in (node.left, *node.comparators)):
+            expression = ast.Expression(ast.fix_missing_locations(node))
+            return ast.Constant(eval(compile(expression, "", "eval")))
+        return node
+
+
+def _constant(value: int) -> ast.expr:
+    if value < 0:
+        return ast.UnaryOp(ast.USub(), ast.Constant(-value))
+    return ast.Constant(value)
+
+
+def _folded(body: list[ast.stmt]) -> list[ast.stmt]:
+    """The body with constants carried forward and branches on them decided."""
+    once = {name for name in _assigned(body) if _assigned(body).count(name) == 1}
+    known: dict[str, ast.expr] = {}
+    out: list[ast.stmt] = []
+    for statement in body:
+        statement = _Fold().visit(_Names(known).visit(statement))
+        match statement:
+            case ast.Assign(targets=[ast.Name(id=name)], value=ast.Constant()) if name in once:
+                known[name] = statement.value
+                continue
+            case ast.If(test=ast.Constant(value=True)):
+                out += _folded(statement.body)
+                continue
+            case ast.If(test=ast.Constant(value=False)):
+                out += _folded(statement.orelse)
+                continue
+        out.append(statement)
+    return out
+
+
+def _returns_into(body: list[ast.stmt], result: str) -> list[ast.stmt]:
+    """The body with each ``return x`` as ``result = x``, the rest of the body as the else."""
+    out: list[ast.stmt] = []
+    for i, statement in enumerate(body):
+        if isinstance(statement, ast.Return):
+            assert statement.value is not None
+            return [*out, _assign(result, statement.value)]
+        if isinstance(statement, ast.If) and any(
+            isinstance(node, ast.Return) for node in ast.walk(statement)
+        ):
+            rest = body[i + 1 :]
+            then = _returns_into([*statement.body, *rest], result)
+            other = _returns_into([*statement.orelse, *rest], result)
+            return [*out, ast.If(statement.test, then, other)]
+        out.append(statement)
+    return out
+
+
+def _assign(name: str, value: ast.expr) -> ast.stmt:
+    return ast.Assign([ast.Name(name, ast.Store())], value)
+
+
+class _Expand:
+    """Expands helper calls in one kernel."""
+
+    def __init__(self, helpers: dict[str, _Helper]) -> None:
+        self.helpers = helpers
+        self.results = 0
+        self.before: list[ast.stmt] = []
+
+    def block(self, body: list[ast.stmt]) -> list[ast.stmt]:
+        out: list[ast.stmt] = []
+        for statement in body:
+            out += self.statement(statement)
+        return out
+
+    def statement(self, statement: ast.stmt) -> list[ast.stmt]:
+        # Results are numbered anew for each statement: none is used after it.
+        outer, self.before, self.results = (self.before, self.results), [], 0
+        match statement:
+            case ast.If():
+                statement.test = self.expression(statement.test)
+                before = self.before
+                statement.body = self.block(statement.body)
+                statement.orelse = self.block(statement.orelse)
+            case ast.While():
+                if any(self._helper(node) for node in ast.walk(statement.test)):
+                    raise SyntaxError(f"a loop's condition calls {ast.unparse(statement.test)}")
+                before = []
+                statement.body = self.block(statement.body)
+            case ast.For():
+                statement.iter = self.expression(statement.iter)
+                before = self.before
+                statement.body = self.block(statement.body)
+            case ast.Assign() | ast.Return() | ast.Expr():
+                assert statement.value is not None
+                statement.value = self.expression(statement.value)
+                if isinstance(statement, ast.Assign):
+                    statement.targets = [self.expression(t) for t in statement.targets]
+                before = self.before
+            case _:
+                before = []
+        self.before, self.results = outer
+        return [*before, statement]
+
+    def _helper(self, node: ast.AST) -> _Helper | None:
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            return self.helpers.get(node.func.id)
+        return None
+
+    def expression(self, node: ast.expr) -> ast.expr:
+        """The expression with its helper calls replaced by results computed in `before`."""
+        for field, value in ast.iter_fields(node):
+            if isinstance(value, ast.expr):
+                setattr(node, field, self.expression(value))
+            elif isinstance(value, list):
+                setattr(
+                    node,
+                    field,
+                    [self.expression(v) if isinstance(v, ast.expr) else v for v in value],
+                )
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            helper = self._helper(node)
+            if helper is not None:
+                return self.expanded(helper, node.args)
+            # int(name): the cast of a call that is gone.
+            if node.func.id == "int" and isinstance(node.args[0], ast.Name):
+                return node.args[0]
+        return node
+
+    def expanded(self, helper: _Helper, arguments: list[ast.expr]) -> ast.expr:
+        written = set(_assigned(helper.body))
+        values: dict[str, ast.expr] = {}
+        for parameter, argument in zip(helper.parameters, arguments, strict=True):
+            simple = isinstance(argument, ast.Name | ast.Constant)
+            if simple and parameter not in written:
+                values[parameter] = argument
+                continue
+            own = f"{helper.name}_{parameter}"
+            self.before.append(_assign(own, argument))
+            values[parameter] = ast.Name(own, ast.Load())
+        for name in written:
+            values.setdefault(name, ast.Name(f"{helper.name}_{name}", ast.Load()))
+        body = [_Names(values).visit(copy.deepcopy(s)) for s in helper.body]
+        result = f"result{self.results}"
+        self.results += 1
+        # A helper may call another one.
+        inner = _Expand({k: v for k, v in self.helpers.items() if k != helper.name})
+        inner.results = self.results
+        self.before += inner.block(_returns_into(_folded(body), result))
+        return ast.Name(result, ast.Load())
+
+
+def _expanded_module(text: str, helpers: dict[str, _Helper]) -> str:
+    tree = ast.parse(text)
+    literals = _literals(constants(tree))
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef) and any(map(is_viper, node.decorator_list)):
+            body = [_Names(literals).visit(s) for s in _without_docstring(node.body)]
+            node.body = _Expand(helpers).block(body)
+    return ast.unparse(ast.fix_missing_locations(tree)) + "\n"
+
+
+def modules() -> dict[str, str]:
+    """Every file of the core by its path inside the package, in device form."""
+    helpers = _helpers()
+    return {
+        path.relative_to(core_path()).as_posix(): _expanded_module(
+            path.read_text(encoding="utf-8"), helpers
+        )
+        for path in sorted(core_path().rglob("*.py"))
+    }

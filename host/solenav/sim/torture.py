@@ -1,0 +1,278 @@
+"""Inputs meant to hurt: samples and states at the ends of what the core has to bear.
+
+All from integer arithmetic, so that they are the same on every machine. A `Case` is run from a
+fresh state that its `prepare` may change; most start in the middle of navigation, with the
+words in question at their limits.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solenav_core import layout
+
+Counts = NDArray[np.int16]
+Integers = NDArray[np.int64]
+
+AT = layout.offsets(layout.STATE_FIELDS)
+WORDS = {name: words for name, words, _stage, _format in layout.STATE_FIELDS}
+
+ONE = 2**30 - 1
+_LOW, _HIGH = -32768, 32767
+_FLAT = (150, -90, 2040, 12, -7, 3)  # a foot at rest, tilted a little, with a gyro bias
+_LEVEL = (ONE, 0, 0, 0)
+_HALF = 2**29
+# Level, turned over about each axis, turned by a third, and the cube's diagonal upright.
+_ATTITUDES = (
+    _LEVEL,
+    (0, ONE, 0, 0),
+    (0, 0, ONE, 0),
+    (0, 0, 0, -ONE),
+    (_HALF, _HALF, -_HALF, _HALF),
+    (953558000, 349029000, -349029000, 0),
+)
+
+# Least and largest value of each state word between two ticks, at the default parameters. Not
+# here: ATT, which is a unit quaternion, and what a static start alone reads.
+LIMITS = {
+    "TICK": (0, 127 << 24),
+    "SATURATED": (0, ONE),
+    "STANCE": (0, 1),
+    "STILL_TICKS": (0, ONE),
+    "RING": (0, 8191),
+    "VEL": (-100 << 24, 100 << 24),
+    "POS": (-(2**29), 2**29),
+    "CELL": (-127, 127),
+    "BIAS": (-820 << 20, 820 << 20),
+    "GRAVITY": (7864320, 12582912),
+    "P_VV": (0, ONE),
+    "P_PV": (-ONE, ONE),
+    "P_PP": (-ONE, ONE),
+    "P_VT": (-ONE, ONE),
+    "P_PT": (-ONE, ONE),
+    "P_TT": (0, ONE),
+    "DP_VV": (-ONE, ONE),
+    "SWING_TICKS": (0, ONE),
+    "RNG": (0, 65535),
+    "INCONSISTENT": (0, 1023),
+    "SINCE_CONSISTENT": (0, ONE),
+    "LOG_W": (-(2**24), 0),
+    "X": (-1048575, 1048575),
+    "POS_LAST": (-ONE, ONE),
+    "POS_REF": (-ONE, ONE),
+    "POS_STEP": (-ONE, ONE),
+    "HEADING_STEP": (-32768, 32767),
+    "HEADING_LAST": (-32768, 32767),
+    "STANCE_TICKS": (0, ONE),
+    "STEPPING": (0, 2),
+    "STEPS": (0, ONE),
+    "DISTANCE": (0, ONE),
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """Samples (n, 6) and what to do to the state before the first."""
+
+    name: str
+    counts: Counts
+    prepare: Callable[[array[int]], None] | None = None
+
+
+def put(state: array[int], **words: int | tuple[int, ...]) -> None:
+    """Set fields of the state: one value for all of a field's words, or a value for each."""
+    for name, value in words.items():
+        values = value if isinstance(value, tuple) else (value,) * WORDS[name]
+        for i, word in enumerate(values):
+            state[AT[name] + i] = word
+
+
+def navigate(state: array[int], **words: int | tuple[int, ...]) -> None:
+    """Make the state that of a level foot after its start, on the ground, then put `words`.
+
+    The detector's window is full of rest, so that the next sample at rest is stance.
+    """
+    put(state, MODE=1, AL_DONE=1, ATT=_LEVEL, GRAVITY=10283000, RNG=(0, 1))
+    put(state, RING_FILL=layout.WINDOW_MAX, RING=1255, P_VV=6711, P_TT=1288490)
+    put(state, **words)
+
+
+def numbers(seed: int) -> Iterator[int]:
+    """24-bit numbers from a linear congruence (Numerical Recipes)."""
+    x = seed
+    while True:
+        x = (x * 1664525 + 1013904223) % 2**32
+        yield x >> 8
+
+
+def noise(count: int, size: int, seed: int) -> Integers:
+    """(count, 6) integers within +-size."""
+    source = numbers(seed)
+    values = [next(source) % (2 * size + 1) - size for _ in range(count * 6)]
+    return np.array(values).reshape(count, 6)
+
+
+def standing(count: int, seed: int) -> Integers:
+    """A foot at rest."""
+    return noise(count, 4, seed) + np.array(_FLAT)
+
+
+def swing(count: int, seed: int) -> Integers:
+    """Something like a stride: a push forward, a brake, a turn of the foot and back."""
+    half = count // 2
+    push = np.array([0, 1500, 300, 6000, 200, 150])
+    strides = np.concatenate([np.tile(push, (half, 1)), np.tile(-push, (count - half, 1))])
+    return strides + standing(count, seed) + noise(count, 60, seed + 1)
+
+
+def _samples(*parts: Integers) -> Counts:
+    return np.vstack(parts).astype(np.int16)
+
+
+def walks() -> list[Case]:
+    """Everyday input: a walk, a restless start with wild motion after it, a flight."""
+    walk = [standing(240, 1)]
+    for i in range(12):
+        walk += [swing(100, 10 + i), standing(90, 40 + i)]
+    restless = [standing(80, 2), noise(20, 3000, 3), standing(210, 4), noise(400, _HIGH, 5)]
+    flight = np.tile([_HIGH, _LOW, _HIGH, _LOW, _HIGH, 3], (900, 1))
+    return [
+        Case("walk", _samples(*walk)),
+        Case("restless", _samples(*restless, standing(300, 7))),
+        Case("flight", _samples(standing(220, 6), flight)),
+    ]
+
+
+def minutes(rate_hz: int) -> list[Case]:
+    """A minute of stance and one of swing: what saturates only with time."""
+    count = 60 * rate_hz
+    turning = standing(count, 9) + np.array([0, 0, 0, 3000, 0, 0])
+    return [
+        Case("minute of stance", _samples(standing(count, 8)), navigate),
+        Case("minute of swing", _samples(turning), navigate),
+    ]
+
+
+def starts() -> list[Case]:
+    """Static starts in every mounting, at the ends of what is taken for gravity and bias."""
+    means = [tuple(sign * 2048 * (axis == i) for i in range(3)) for axis in range(3) for sign in (1, -1)]
+    means += [(1183, -1183, 1183), (0, 900, -1280), (0, 0, 2500), (1, 2047, 3)]
+    cases = []
+    for i, mean in enumerate(means):
+        rates = tuple(815 * ((i >> axis & 1) * 2 - 1) for axis in range(3))
+        rest = noise(210, 3, 20 + i) + np.array([*mean, *rates])
+        name = "start " + " ".join(map(str, mean))
+        cases.append(Case(name, _samples(rest, noise(3, 3000, i), rest[:100])))
+    return cases
+
+
+def full_scale() -> list[Case]:
+    """Every axis at either end of its scale, in several attitudes, moving at the limits."""
+    signs = list(product((_LOW, _HIGH), repeat=6))
+    corners = np.array([signs[(i * 37) % 64] for i in range(64)])
+    cases = [
+        Case(
+            f"full scale {i}",
+            _samples(corners),
+            partial(navigate, ATT=attitude, VEL=(100 << 24) * (1 - 2 * (i & 1)), P_VV=ONE),
+        )
+        for i, attitude in enumerate(_ATTITUDES)
+    ]
+    held = [np.tile(np.array(signs[i]), (40, 1)) for i in (0, 21, 42, 63)]
+    cases += [
+        Case(f"full scale held {i}", _samples(part), navigate) for i, part in enumerate(held)
+    ]
+    return cases
+
+
+def nothing() -> list[Case]:
+    """A dead sensor: all zeros before and after the start."""
+    zeros = np.zeros((60, 6), np.int64)
+    return [Case("zeros at the start", _samples(zeros)), Case("zeros", _samples(zeros), navigate)]
+
+
+def far() -> list[Case]:
+    """Position at the edge of its cell, anchors as far off as they get, a very long step."""
+    cases = []
+    for sign in (1, -1):
+        edge = sign * (2**29 - 1000)
+        words = {"POS": edge, "VEL": sign * (100 << 24), "POS_LAST": -sign * ONE}
+        words |= {"POS_REF": -sign * ONE, "POS_STEP": -sign * ONE}
+        side = "+" if sign > 0 else "-"
+        moving = standing(40, 11) + np.array([0, 0, 0, 3000, 0, 0])
+        cases += [
+            Case(f"{side} edge, swing", _samples(moving), partial(navigate, **words)),
+            Case(
+                f"{side} edge, stance",
+                _samples(standing(16, 12), moving),
+                partial(navigate, **words, STEPPING=1, P_PV=ONE, P_VV=2**22, P_VT=-ONE),
+            ),
+        ]
+    return cases
+
+
+def late() -> list[Case]:
+    """Counters and the tick shortly before they stop."""
+    counters = ("STILL_TICKS", "SWING_TICKS", "SINCE_CONSISTENT", "STANCE_TICKS", "DISTANCE")
+    words = dict.fromkeys(counters, ONE - 2) | {"TICK": (127 << 24) - 3}
+    parts = _samples(standing(8, 13), swing(60, 14), standing(40, 15))
+    return [Case("after months", parts, partial(navigate, **words))]
+
+
+def weights() -> list[Case]:
+    """Particles all alike or one against all; M at its least, growing, and at its largest."""
+    rest = _samples(standing(12, 16))
+    least = LIMITS["LOG_W"][0]
+    one = (0, *[least] * (layout.PARTICLES - 1))
+    apart = tuple(1048575 * (1 - 2 * (i // 3 & 1)) for i in range(3 * layout.PARTICLES))
+    standing_still = partial(navigate, STANCE=1)
+    fast = {"VEL": 2 << 24, "P_VV": 6711}
+    return [
+        Case("weights all 1", rest, standing_still),
+        Case("weights all 1, apart", rest, partial(standing_still, X=apart, P_VV=ONE)),
+        Case("weights 0 but one", rest, partial(standing_still, LOG_W=one, X=apart)),
+        Case("weights 0 but one, wide", rest, partial(standing_still, LOG_W=one, P_VV=ONE)),
+        Case("M least", rest, partial(standing_still, **fast, INCONSISTENT=0)),
+        Case("M growing", rest, partial(standing_still, **fast, INCONSISTENT=1022, X=apart)),
+        Case(
+            "M largest",
+            rest,
+            partial(standing_still, **fast, INCONSISTENT=1023, SINCE_CONSISTENT=ONE),
+        ),
+        Case("variance 0", rest, partial(navigate, P_VV=0, P_TT=0, VEL=100 << 24)),
+    ]
+
+
+def corners(count: int) -> list[Case]:
+    """States with every word at its least, its largest, 0 or in between; a little of each input."""
+    source = numbers(17)
+
+    def word(name: str) -> int:
+        low, high = LIMITS[name]
+        pick = next(source) >> 8
+        between = low + (next(source) << 8) % (high - low + 1)
+        return (low, high, max(low, min(high, 0)), between)[pick % 4]
+
+    moving = _samples(standing(3, 18), noise(5, _HIGH, 19), standing(2, 20))
+    cases = []
+    for i in range(count):
+        words = {name: tuple(word(name) for _ in range(WORDS[name])) for name in LIMITS}
+        # Rest, so that stance comes at once; the words of the filter are what is tested.
+        del words["RING"]
+        words["BIAS"] = words["RING_HEAD"] = (0,)
+        words["ATT"] = _ATTITUDES[i % len(_ATTITUDES)]
+        cases.append(Case(f"corner {i}", moving, partial(navigate, **words)))
+    return cases
+
+
+def short() -> list[Case]:
+    """The whole torture set but for what takes minutes."""
+    groups = (starts(), full_scale(), nothing(), far(), late(), weights(), corners(40))
+    return [case for group in groups for case in group]

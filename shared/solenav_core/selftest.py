@@ -1,0 +1,408 @@
+"""Power-up self-test: every kernel over known vectors, on the machine that will run it.
+
+A compiler that breaks a kernel (an emitter that overwrites an operand, a shift that isn't
+arithmetic, a load that isn't signed) would give wrong poses without a word. So the board runs
+each kernel over vectors that leave no sign, carry or branch untouched, and compares a CRC-32 of
+what came out with the one that plain CPython computed (`tables.selftest`, written by
+`tools/tables/selftest.py`). Kernels run in an order in which each needs only those before it, so
+the first that fails is the one to blame.
+"""
+
+from array import array
+from binascii import crc32
+
+from solenav_core import align, covariance, detector, navigator, particles, qmath, steps, strapdown
+from solenav_core.layout import STATE_FIELDS, WORK_FIELDS, offsets
+from solenav_core.params import NAMES
+from solenav_core.tables.defaults import PARAMS
+from solenav_core.tables.lookup import TABLES
+
+_AT = offsets(STATE_FIELDS)
+_RATE = offsets(WORK_FIELDS)["RATE"]
+_WORK = offsets(WORK_FIELDS)
+_ROUNDS = 6
+_FLAT = (0, 0, 2048, 0, 0, 0)
+_MOUNTINGS = ((10, -20, -2047), (2047, 5, 9), (-1200, 1300, -990), (6, -2046, 30), (0, 0, 900))
+
+
+class _Bench:
+    """Arrays to run kernels on, a source of numbers, and the CRC of all results so far."""
+
+    def __init__(self):
+        self.s = navigator.new_state()
+        self.w = navigator.new_work()
+        self.m = navigator.new_sample()
+        self.p = PARAMS
+        self.t = TABLES
+        self.x = 12345
+        self.crc = 0
+
+    def number(self, bits):
+        """A signed number of up to `bits` bits: any size down to one bit, either sign."""
+        self.x = (self.x * 1103515245 + 12345) & 0x7FFFFFFF
+        size = (self.x >> 8) % bits + 1
+        self.x = (self.x * 1103515245 + 12345) & 0x7FFFFFFF
+        value = (self.x >> 3) & ((1 << size) - 1)
+        if self.x & 4:
+            return 0 - value
+        return value
+
+    def result(self, value):
+        """A kernel's return value into the CRC."""
+        self.crc = crc32(array("i", (value,)), self.crc)
+
+    def arrays(self):
+        """State and work area into the CRC."""
+        self.crc = crc32(self.w, crc32(self.s, self.crc))
+
+    def sample(self, bits):
+        for i in range(6):
+            self.m[i] = _FLAT[i] + self.number(bits)
+
+
+def _mulshift(b):
+    for n in (17, 24, 30, 31, 32, 33, 36, 46):
+        for _ in range(8):
+            x = b.number(30)
+            y = b.number(min(30, n - 1))
+            b.result(qmath.mulshift(x, y, n))
+
+
+def _mulsat(b):
+    for _ in range(24):
+        b.result(qmath.mulsat(b.number(30), b.number(28), 22))
+
+
+def _div(b):
+    for n in (0, 10, 15, 22, 29):
+        for _ in range(8):
+            den = abs(b.number(30)) + 1
+            b.result(qmath.div(b.number(30) % den, den, n))
+            b.result(qmath.div(0 - b.number(30) % den, den, n))
+    b.result(qmath.div(5, 0, 8))
+
+
+def _isqrt(b):
+    for _ in range(24):
+        b.result(qmath.isqrt(abs(b.number(30))))
+
+
+def _clamp(b):
+    for _ in range(12):
+        b.result(qmath.clamp(b.number(30), abs(b.number(30))))
+
+
+def _azimuth(b):
+    for _ in range(16):
+        b.result(qmath.azimuth(b.number(29), b.number(29), b.t))
+
+
+def _turn(b):
+    _stand(b)
+    for i in range(_ROUNDS):
+        b.result(strapdown.turn(b.s, b.number(28), b.number(28), b.number(28), i & 1))
+        b.arrays()
+
+
+def _to_nav(b):
+    for _ in range(_ROUNDS):
+        b.result(strapdown.to_nav(b.s, b.w, b.number(28), b.number(28), b.number(28)))
+        b.arrays()
+
+
+def _propagate(b):
+    for _ in range(_ROUNDS):
+        b.sample(14)
+        b.result(strapdown.correct_rate(b.s, b.w, b.m))
+        b.result(strapdown.propagate(b.s, b.p, b.w, b.m))
+        b.arrays()
+
+
+def _recentre(b):
+    for turn in (-1, 1):
+        for i in range(3):
+            b.s[_AT["POS"] + i] = turn * (0x1FF00000 + 0x100000 * i)
+            b.s[_AT["CELL"] + i] = b.number(8)
+            for name in ("POS_LAST", "POS_REF", "POS_STEP"):
+                b.s[_AT[name] + i] = b.number(29)
+        b.result(strapdown.recentre(b.s))
+        b.arrays()
+
+
+def _full_speed(b):
+    """Velocity at its limit."""
+    for i in range(3):
+        b.s[_AT["VEL"] + i] = (1 - 2 * (i & 1)) * 0x63FFFFFF
+        b.m[i] = (1 - 2 * (i & 1)) * 30000
+    b.s[_AT["ATT"]] = 0x3FFFFFFF
+    for i in range(1, 4):
+        b.s[_AT["ATT"] + i] = 0
+    b.result(strapdown.propagate(b.s, b.p, b.w, b.m))
+    b.arrays()
+
+
+def _push(b):
+    for _ in range(14):
+        b.sample(15)
+        b.result(detector.push(b.s, b.p, b.m))
+    b.result(detector.spread(b.s))
+    b.arrays()
+
+
+def _slower(b):
+    for limit in (200, 3280, 26000):
+        for i in range(48):
+            # Around the limit along each axis and on the sphere of it.
+            for a in range(3):
+                b.w[_RATE + a] = b.number(4)
+            b.w[_RATE + i % 3] = (limit << 6) - 96 + b.number(7)
+            if i & 4:
+                for a in range(3):
+                    b.w[_RATE + a] = limit * 37 + b.number(10)
+            if i & 8:
+                b.w[_RATE + i % 3] = 0 - b.w[_RATE + i % 3]
+            b.result(detector.slower(b.w, limit))
+
+
+def _detect(b):
+    for bits in (2, 2, 2, 14, 2):
+        for _ in range(6):
+            b.sample(bits)
+            detector.push(b.s, b.p, b.m)
+            strapdown.correct_rate(b.s, b.w, b.m)
+            b.result(detector.detect(b.s, b.p, b.w))
+    b.arrays()
+
+
+def _grow(b):
+    for _ in range(_ROUNDS):
+        for name, words in (("P_VV", 3), ("P_PV", 3), ("P_PP", 3), ("P_TT", 2)):
+            for i in range(words):
+                b.s[_AT[name] + i] = abs(b.number(30))
+        for name in ("P_VT", "P_PT"):
+            for i in range(2):
+                b.s[_AT[name] + i] = b.number(27)
+        b.result(covariance.grow(b.s, b.p))
+        b.arrays()
+
+
+def _shrink(b):
+    for i in range(_ROUNDS):
+        rho = abs(b.number(30))
+        b.result(covariance.shrink(b.s, i % 3, rho, b.number(25), b.number(26)))
+        b.arrays()
+
+
+def _align(b):
+    navigator.reset(b.s)
+    params = array("i", b.p)
+    params[NAMES.index("ALIGN_TICKS")] = 12
+    params[NAMES.index("ALIGN_MIN")] = 4
+    for turn in range(3):
+        for _ in range(7):
+            b.sample(3)
+            b.m[turn] = b.m[turn] + 900
+            b.result(align.align(b.s, params, b.w, b.m))
+        b.sample(12)
+        b.result(align.align(b.s, params, b.w, b.m))
+        b.arrays()
+    for x, y, z in _MOUNTINGS:
+        navigator.reset(b.s)
+        b.s[_AT["CELL"]] = 7
+        for _ in range(13):
+            b.sample(3)
+            b.m[0] = x
+            b.m[1] = y
+            b.m[2] = z
+            b.result(align.align(b.s, params, b.w, b.m))
+        b.arrays()
+    for rate in (-900, -800, 800, 900):
+        navigator.reset(b.s)
+        for _ in range(13):
+            b.sample(1)
+            b.m[4] = rate
+            b.result(align.align(b.s, params, b.w, b.m))
+        b.arrays()
+
+
+def _head(b):
+    """Front axes all round the horizon, and nearly upright."""
+    for w, x, z in ((9, 0, 4), (5, 0, -9), (1, 0, 9), (7, 7, 1), (6, 0, 8), (-3, 1, 9)):
+        # The levelled attitude need not be a unit: it is renormalised as it is turned.
+        b.s[_AT["ATT"]] = w * 95_000_000
+        b.s[_AT["ATT"] + 1] = x * 95_000_000
+        b.s[_AT["ATT"] + 2] = 0
+        b.s[_AT["ATT"] + 3] = z * 95_000_000
+        b.result(align.head(b.s, b.p, b.w))
+        b.arrays()
+
+
+def _roots(b):
+    for _ in range(8):
+        for i in range(3):
+            b.s[_AT["P_VV"] + i] = b.number(30)
+        b.result(particles.roots(b.s, b.w, _AT["P_VV"]))
+        b.arrays()
+
+
+def _ratio(b):
+    for _ in range(24):
+        b.result(particles.ratio(b.number(30), abs(b.number(30)), 3, 0x2000000))
+        b.result(particles.ratio(b.number(20), abs(b.number(30)), 4, 0x4000000))
+
+
+def _feed_back(b):
+    for i in range(12):
+        for name, words in (("P_VV", 3), ("P_PP", 3), ("P_TT", 2)):
+            for a in range(words):
+                b.s[_AT[name] + a] = abs(b.number(30))
+        for name, words, bits in (("P_PV", 3, 30), ("P_VT", 2, 28), ("P_PT", 2, 28)):
+            for a in range(words):
+                b.s[_AT[name] + a] = b.number(bits)
+        for a in range(3):
+            b.s[_AT["VEL"] + a] = b.number(29)
+            b.s[_AT["POS"] + a] = b.number(29)
+            b.s[_AT["POS_REF"] + a] = b.number(29)
+            b.w[_WORK["ERR"] + a] = b.number(29)
+            b.w[_WORK["VAR"] + a] = abs(b.number(22))
+            scale = 0
+            while b.s[_AT["P_VV"] + a] >> (2 * scale) >= 16384:
+                scale += 1
+            b.w[_WORK["SCALE"] + a] = scale
+        b.result(particles.feed_back(b.s, b.p, b.w, i & 1))
+        b.arrays()
+
+
+def _spread(b):
+    """Proposals, weights and estimates with particles and velocities of every size."""
+    _stand(b)
+    for i in range(4):
+        for a in range(300):
+            b.s[_AT["X"] + a] = b.number(20)
+        for a in range(3):
+            b.s[_AT["VEL"] + a] = b.number(30)
+            b.s[_AT["P_VV"] + a] = abs(b.number(30))
+            b.s[_AT["DP_VV"] + a] = b.number(30)
+        b.result(particles.propose(b.s, b.w, b.t, 0))
+        b.w[_WORK["GAIN"]] = 1 << (14 - 4 * i)
+        b.w[_WORK["GAIN_SHIFT"]] = 3 * i
+        b.result(particles.weigh(b.s, b.p, b.w, b.t))
+        b.result(particles.estimate(b.s, b.w))
+        b.result(particles.retain(b.s, b.w))
+        b.arrays()
+
+
+def _particles(b):
+    """A stance whose velocity starts small, jumps, and ends in a lock-out."""
+    _stand(b)
+    for i in range(14):
+        if i == 3 or i == 9:
+            for a in range(3):
+                b.s[_AT["VEL"] + a] = b.number(20 + i)
+        if i == 12:
+            b.s[_AT["SINCE_CONSISTENT"]] = 1000
+            b.s[_AT["INCONSISTENT"]] = 30
+            b.s[_AT["VEL"]] = 0x3000000
+        b.result(covariance.grow(b.s, b.p))
+        b.result(particles.update(b.s, b.p, b.w, b.t, int(i == 0)))
+        b.arrays()
+
+
+def _steps(b):
+    for stride in (300000, -12_000_000, 40_000_000):
+        b.s[_AT["POS"]] = b.s[_AT["POS"]] + stride
+        b.s[_AT["POS"] + 1] = b.s[_AT["POS"] + 1] - 150000
+        for _ in range(10):
+            b.result(steps.stood(b.s, b.p, b.w, b.t))
+        b.s[_AT["TICK"]] = b.s[_AT["TICK"]] + 150
+        b.s[_AT["P_PP"] + 1] = 0
+        b.s[_AT["HEADING_STEP"]] = b.number(15)
+        for i in range(32):
+            b.s[_AT["SWING_TICKS"]] = i
+            b.result(steps.swung(b.s, b.p))
+        b.arrays()
+
+
+def _tick(b):
+    """A short run of the whole: static start, standing, a kick, standing."""
+    navigator.reset(b.s)
+    params = array("i", b.p)
+    params[NAMES.index("ALIGN_TICKS")] = 10
+    params[NAMES.index("ALIGN_MIN")] = 10
+    params[NAMES.index("STILL_TICKS")] = 3
+    for count, bits in ((24, 2), (8, 14), (16, 2)):
+        for _ in range(count):
+            b.sample(bits)
+            b.result(navigator.tick(b.s, params, b.w, b.t, b.m))
+        b.arrays()
+
+
+def _stand(b):
+    """A plain navigating state to start from."""
+    navigator.reset(b.s)
+    b.s[_AT["MODE"]] = 1
+    b.s[_AT["ATT"]] = 0x3FFFFFFF
+    b.s[_AT["GRAVITY"]] = 10283000
+    b.s[_AT["RNG"] + 1] = 1
+    for i in range(3):
+        b.s[_AT["P_VV"] + i] = 0x10000 << i
+        b.s[_AT["P_PV"] + i] = 0x9000 - 0x6000 * i
+        b.s[_AT["BIAS"] + i] = (i - 1) * 0x1234567
+    for i in range(2):
+        b.s[_AT["P_VT"] + i] = 0x20000
+        b.s[_AT["P_TT"] + i] = 0x140000
+
+
+TESTS = (
+    ("mulshift", _mulshift),
+    ("mulsat", _mulsat),
+    ("div", _div),
+    ("isqrt", _isqrt),
+    ("clamp", _clamp),
+    ("azimuth", _azimuth),
+    ("turn", _turn),
+    ("to_nav", _to_nav),
+    ("propagate", _propagate),
+    ("recentre", _recentre),
+    ("full speed", _full_speed),
+    ("push", _push),
+    ("slower", _slower),
+    ("detect", _detect),
+    ("grow", _grow),
+    ("shrink", _shrink),
+    ("head", _head),
+    ("align", _align),
+    ("roots", _roots),
+    ("ratio", _ratio),
+    ("feed_back", _feed_back),
+    ("weigh", _spread),
+    ("update", _particles),
+    ("stood", _steps),
+    ("tick", _tick),
+)
+
+
+def measure():
+    """The CRC-32 after each test, in the order of TESTS: what `tables.selftest` keeps."""
+    bench = _Bench()
+    out = []
+    for _name, test in TESTS:
+        test(bench)
+        out.append(bench.crc)
+    return out
+
+
+def first_failure(expected):
+    """0 where all CRCs are as in `expected`, else the place in TESTS of the first, from 1.
+
+    A kernel that raises has failed as well.
+    """
+    bench = _Bench()
+    for i, (_name, test) in enumerate(TESTS):
+        try:
+            test(bench)
+        except Exception:
+            return i + 1
+        if bench.crc != expected[i]:
+            return i + 1
+    return 0
