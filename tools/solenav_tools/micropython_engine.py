@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solenav import engines
+from solenav.engines import device_form
 from solenav.engines.source import core_path
 from solenav.errors import SolenavError
 from solenav_core.layout import STATE_FIELDS, locate
@@ -80,18 +81,26 @@ def stage(folder: Path, mode: str, core: Path | None = None) -> None:
     """
     if mode not in MODES:
         raise SolenavError(f"there is no mode {mode!r}", f"choose one of {', '.join(MODES)}")
-    origin = core or core_path()
-    for path in sorted(origin.rglob("*.py")):
-        text = path.read_text(encoding="utf-8")
-        if mode == "bytecode":
-            text = text.replace("@micropython.viper\n", "")
-        target = folder / "solenav_core" / path.relative_to(origin)
+    for name, text in _texts(core or core_path(), mode).items():
+        target = folder / "solenav_core" / name
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text(text, encoding="utf-8")
         if mode in ARCHITECTURES:
             _compile(target, mode)
             # MicroPython prefers the source.
             target.unlink()
+
+
+def _texts(core: Path, mode: str) -> dict[str, str]:
+    """The core's files by their path in the package: viper gets the device form, as boards do."""
+    if mode != "bytecode":
+        return device_form.modules(core)
+    return {
+        path.relative_to(core).as_posix(): path.read_text(encoding="utf-8").replace(
+            "@micropython.viper\n", ""
+        )
+        for path in sorted(core.rglob("*.py"))
+    }
 
 
 def digests(

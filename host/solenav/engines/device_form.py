@@ -12,10 +12,11 @@ from __future__ import annotations
 import ast
 import copy
 from dataclasses import dataclass
+from pathlib import Path
 
 from solenav.engines.source import constants, core_path, is_viper
 
-INLINE = ("mulshift", "mulsat", "clamp")
+INLINE = ("mulshift", "mulsat", "clamp", "isqrt")
 
 
 @dataclass
@@ -46,8 +47,8 @@ def _literals(values: dict[str, int]) -> dict[str, ast.expr]:
     return {name: ast.Constant(value) for name, value in values.items()}
 
 
-def _helpers() -> dict[str, _Helper]:
-    tree = ast.parse((core_path() / "qmath.py").read_text(encoding="utf-8"))
+def _helpers(folder: Path) -> dict[str, _Helper]:
+    tree = ast.parse((folder / "qmath.py").read_text(encoding="utf-8"))
     names = _Names(_literals(constants(tree)))
     return {
         node.name: _Helper(
@@ -246,12 +247,13 @@ def _expanded_module(text: str, helpers: dict[str, _Helper]) -> str:
     return ast.unparse(ast.fix_missing_locations(tree)) + "\n"
 
 
-def modules() -> dict[str, str]:
-    """Every file of the core by its path inside the package, in device form."""
-    helpers = _helpers()
+def modules(core: Path | None = None) -> dict[str, str]:
+    """Every file of the core in folder `core` by its path inside the package, in device form."""
+    folder = core or core_path()
+    helpers = _helpers(folder)
     return {
-        path.relative_to(core_path()).as_posix(): _expanded_module(
+        path.relative_to(folder).as_posix(): _expanded_module(
             path.read_text(encoding="utf-8"), helpers
         )
-        for path in sorted(core_path().rglob("*.py"))
+        for path in sorted(folder.rglob("*.py"))
     }

@@ -65,7 +65,6 @@ class Machine:
         self._access = self._tally["access"][0]
         self._access[: len(image.data)] = hooks.READ
         self._allow(image.globals_in_use, 4)
-        self._allow(STACK_TOP - STACK_SIZE, STACK_SIZE)
         hooks.attach(self._uc, self._tally, (image.services[1], BASE + len(image.data)))
         self._uc.hook_add(unicorn.UC_HOOK_INTR, self._on_interrupt)
         self._buffers: list[tuple[int, int]] = []
