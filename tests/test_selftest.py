@@ -5,14 +5,17 @@ from __future__ import annotations
 import ast
 import copy
 import signal
+import time
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pytest
 
+from solenav import link
 from solenav.engines import checked
 from solenav.engines.source import Kernel, kernels
 from solenav_core import (
@@ -28,6 +31,9 @@ from solenav_core import (
     strapdown,
 )
 from solenav_core.tables.selftest import EXPECTED
+from solenav_tools.board import Samples, SimulatedBoard
+from solenav_tools.ports import open_port, read_some
+from solenav_tools.recorder import ask
 
 MODULES: tuple[ModuleType, ...] = (
     align,
@@ -174,3 +180,34 @@ def test_a_wrong_operation_anywhere_is_found(planted: Any) -> None:
                 missed += 1
     assert found > 90
     assert missed <= 0.05 * found
+
+
+class _BrokenBoard(SimulatedBoard):
+    """A board whose compiler has the negation bug in one place."""
+
+    def _fill(self, folder: Path) -> None:
+        super()._fill(folder)
+        path = folder / "solenav_core" / "particles.py"
+        sound = path.read_text(encoding="utf-8")
+        line = "                e = 0 - limit\n"
+        assert line in sound
+        path.write_text(sound.replace(line, line + "                limit = 0 - limit\n"))
+
+
+def test_a_board_that_fails_says_so_and_does_not_navigate() -> None:
+    counts = np.tile(np.array([0, 0, 2048, 0, 0, 0], np.int16), (600, 1))
+    feed = Samples(np.arange(600) * 5000, counts, np.zeros(600, np.int16))
+    frames: list[link.Frame] = []
+    with _BrokenBoard(feed) as board, open_port(board.port) as port:
+        ask(port, messages.ASK_START)
+        end = time.monotonic() + 4
+        reader = link.FrameReader()
+        while time.monotonic() < end:
+            frames += [f for f in reader.feed(read_some(port)) if isinstance(f, link.Frame)]
+    said = {link.NAMES[f.kind]: link.unpack(f) for f in frames}
+    failed = said["HELLO"]["self_test"]
+    assert selftest.TESTS[failed - 1][0] in ("weigh", "update")
+    assert b"self-test" in said["LOG"]["text"]
+    assert said["ACK"]["result"] == messages.REFUSED
+    assert said["STATUS"]["mode"] == messages.FAULT
+    assert "SAMPLE" not in said and "POSE" not in said

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from solenav.capture.contents import Capture, Table, unwrap
-from solenav_core import messages
+from solenav_core import messages, selftest
 
 
 def summary(capture: Capture) -> dict[str, Any]:
@@ -29,6 +29,7 @@ def summary(capture: Capture) -> dict[str, Any]:
             "schema_is_ours": hello["schema"] == messages.SCHEMA,
             "sensor": messages.SENSORS[min(hello["sensor"], len(messages.SENSORS) - 1)],
             "rate_hz": hello["rate"] / 1000,
+            "self_test": _self_test(hello["self_test"]),
         }
     if capture.params:
         out["params"] = f"{crc32(capture.params[-1][1]):08x}"
@@ -44,6 +45,14 @@ def summary(capture: Capture) -> dict[str, Any]:
         out["status"]["learned_period_us"] = round(int(last["period"]) / 256, 3)
     out["log"] = [f"tick {tick}, {level}: {text}" for tick, level, text in capture.logs]
     return out
+
+
+def _self_test(failed: int) -> str:
+    """The board's verdict on itself, from HELLO."""
+    if failed == 0:
+        return "passed"
+    names = [name for name, _test in selftest.TESTS]
+    return f"FAILED: {names[failed - 1] if failed <= len(names) else failed}"
 
 
 def _samples(capture: Capture) -> dict[str, Any]:

@@ -162,19 +162,19 @@ def minutes(rate_hz: int) -> list[Case]:
 
 def starts() -> list[Case]:
     """Static starts in every mounting, at the ends of what is taken for gravity and bias."""
-    means = [tuple(sign * 2048 * (axis == i) for i in range(3)) for axis in range(3) for sign in (1, -1)]
+    means = [(2048, 0, 0), (-2048, 0, 0), (0, 2048, 0), (0, -2048, 0), (0, 0, 2048), (0, 0, -2048)]
     means += [(1183, -1183, 1183), (0, 900, -1280), (0, 0, 2500), (1, 2047, 3)]
     cases = []
     for i, mean in enumerate(means):
         rates = tuple(815 * ((i >> axis & 1) * 2 - 1) for axis in range(3))
         rest = noise(210, 3, 20 + i) + np.array([*mean, *rates])
         name = "start " + " ".join(map(str, mean))
-        cases.append(Case(name, _samples(rest, noise(3, 3000, i), rest[:100])))
+        cases.append(Case(name, _samples(rest, noise(3, 3000, i), rest[:30])))
     return cases
 
 
 def full_scale() -> list[Case]:
-    """Every axis at either end of its scale, in several attitudes, moving at the limits."""
+    """Every axis at either end of its scale in several attitudes, moving at the limits."""
     signs = list(product((_LOW, _HIGH), repeat=6))
     corners = np.array([signs[(i * 37) % 64] for i in range(64)])
     cases = [
@@ -185,10 +185,17 @@ def full_scale() -> list[Case]:
         )
         for i, attitude in enumerate(_ATTITUDES)
     ]
-    held = [np.tile(np.array(signs[i]), (40, 1)) for i in (0, 21, 42, 63)]
     cases += [
-        Case(f"full scale held {i}", _samples(part), navigate) for i, part in enumerate(held)
+        Case(
+            f"attitude {'+' if sign > 0 else '-'}{i}",
+            _samples(standing(26, 21)),
+            partial(navigate, ATT=tuple(sign * word for word in attitude)),
+        )
+        for i, attitude in enumerate(_ATTITUDES)
+        for sign in (1, -1)
     ]
+    held = [np.tile(np.array(signs[i]), (40, 1)) for i in (0, 21, 42, 63)]
+    cases += [Case(f"full scale held {i}", _samples(part), navigate) for i, part in enumerate(held)]
     return cases
 
 
