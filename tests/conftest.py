@@ -39,3 +39,20 @@ def replayed(walk: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("replayed") / "replayed.solcap"
     replay.replay(capture.load(walk), path, engine="fast")
     return path
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say which engines the matrix compared, so that a log shows what was proven."""
+    found: dict[str, str] = {}
+    for reports in terminalreporter.stats.values():
+        for report in reports:
+            # From the reports: with pytest-xdist the tests ran in other processes.
+            for name, value in getattr(report, "user_properties", ()):
+                if name == "matrix":
+                    found[value[0]] = value[1]
+    if found:
+        ran = [engine for engine, reason in found.items() if not reason]
+        skipped = [f"{engine} ({reason})" for engine, reason in found.items() if reason]
+        parts = ["engines in the matrix: " + ", ".join(ran)]
+        parts += ["skipped: " + ", ".join(skipped)] if skipped else []
+        terminalreporter.write_line("; ".join(parts))

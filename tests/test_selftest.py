@@ -142,7 +142,7 @@ def test_it_finds_the_negation_bug(planted: Any) -> None:
         planted(built(program))
         if fails():
             found.add(kernel.definition.name)
-    assert found >= {"clamp", "slower", "weigh"}
+    assert found >= {"clamp", "slower"}
 
 
 _SWAP: dict[type[ast.AST], type[ast.operator]] = {
@@ -187,11 +187,11 @@ class _BrokenBoard(SimulatedBoard):
 
     def _fill(self, folder: Path) -> None:
         super()._fill(folder)
-        path = folder / "solenav_core" / "particles.py"
+        path = folder / "solenav_core" / "qmath.py"
         sound = path.read_text(encoding="utf-8")
-        line = "                e = 0 - limit\n"
+        line = "        return 0 - limit\n"
         assert line in sound
-        path.write_text(sound.replace(line, line + "                limit = 0 - limit\n"))
+        path.write_text(sound.replace(line, "        limit = 0 - limit\n" + line))
 
 
 def test_a_board_that_fails_says_so_and_does_not_navigate() -> None:
@@ -206,7 +206,7 @@ def test_a_board_that_fails_says_so_and_does_not_navigate() -> None:
             frames += [f for f in reader.feed(read_some(port)) if isinstance(f, link.Frame)]
     said = {link.NAMES[f.kind]: link.unpack(f) for f in frames}
     failed = said["HELLO"]["self_test"]
-    assert selftest.TESTS[failed - 1][0] in ("weigh", "update")
+    assert selftest.TESTS[failed - 1][0] == "clamp"
     assert b"self-test" in said["LOG"]["text"]
     assert said["ACK"]["result"] == messages.REFUSED
     assert said["STATUS"]["mode"] == messages.FAULT

@@ -54,7 +54,8 @@ STATE_FIELDS = (
     ("RESAMPLED", 1, "particles", "secondary resamplings so far"),
     ("LOCKOUTS", 1, "particles", "times that H1 accepted zero velocity"),
     ("LOG_W", PARTICLES, "particles", "Q16, log2 of the weight, largest 0"),
-    ("X", 3 * PARTICLES, "particles", "Q16 m/s, error of the INS velocity, ENU"),
+    ("REACH", 3, "particles", "Q16 m/s, no particle is further from 0, E N U"),
+    ("X", 3 * PARTICLES, "particles", "Q16 m/s, error of the INS velocity: all E, all N, all U"),
     ("POS_LAST", 3, "steps", "Q18 m, position at the last stance tick"),
     ("POS_REF", 3, "steps", "Q18 m, position at the end of the stance before this one"),
     ("POS_STEP", 3, "steps", "Q18 m, where the last step ended"),
@@ -77,14 +78,16 @@ WORK_FIELDS = (
     ("RATE", 3, "strapdown", "Q8 counts, rate less bias, body"),
     ("ERR", 3, "particles", "Q24 m/s, estimated velocity error d"),
     ("VAR", 3, "particles", "s² in units of the spread's scale"),
-    ("SCALE", 3, "particles", "right shift from Q16 m/s to the spread's scale"),
-    ("ROOT", 6, "particles", "square root of P_VV or its growth and its shift, E N U"),
+    ("SCALE", 3, "particles", "right shift from Q16 m/s to a scale on which sums of squares fit"),
+    ("ROOT", 3, "particles", "Q16 m/s, square root of P_VV or its growth, E N U"),
     ("GAIN", 1, "particles", "likelihood gain"),
     ("GAIN_SHIFT", 1, "particles", "right shift of the error before the gain"),
+    ("GAIN_EXTRA", 1, "particles", "how much of it only makes room"),
     ("SUM_W", 1, "particles", "Q14"),
-    ("SUM_W2", 1, "particles", "Q20"),
+    ("SUM", 3, "particles", "weighted sum of the proposals on their scale"),
+    ("SUM2", 3, "particles", "and of their squares"),
     ("HEAVY", 1, "particles", "particles with a weight over K"),
-    ("PROPOSAL", 3 * PARTICLES, "particles", "Q16 m/s, x'"),
+    ("PROPOSAL", 3 * PARTICLES, "particles", "Q16 m/s, x': all E, all N, all U"),
     ("WEIGHT", PARTICLES, "particles", "Q14, largest 1"),
 )
 
@@ -96,7 +99,12 @@ SAMPLE_FIELDS = (
 TABLE_FIELDS = (
     ("EXP2", 257, "", "Q15, 2**(-i/256)"),
     ("ATAN", 16, "", "2**16 a turn, atan(2**-i), eight more bits of fraction"),
-    ("GAUSS", 3 * PARTICLES, "", "Q12, standard normal three-vectors, whitened"),
+    (
+        "GAUSS",
+        3 * PARTICLES,
+        "",
+        "Q11, whitened standard normal vectors: all E, all N, all U",
+    ),
 )
 
 

@@ -14,8 +14,9 @@ from solenav_core.strapdown import turn
 _N = const(100)
 _STRIDE = const(37)  # prime to 100: every particle gets another row of the table
 _LIMIT = const(0x3FFFFFFF)
-_X_MAX = const(1048575)  # 16 m/s in Q16: 100 weights of 1 times this fit after the split by 2**10
-_E_MAX = const(4095)  # largest deviation on the spread's scale
+_MOST = const(4540)  # largest particle on its scale: a hundred squares of it fit a word
+_FARTHEST = const(51)  # largest component in the table, 3.18, in Q4 rounded up
+_V_MAX = const(524272)  # 8 m/s in Q16, the velocity that the likelihood takes at most
 _KP_MAX = const(33554432)  # 32 s in Q20
 _KT_MAX = const(67108864)  # 4 rad s/m in Q24
 _PHI_MAX = const(8388608)  # 0.5 rad in Q24
@@ -40,8 +41,9 @@ _S_N_EFF = const(99)
 _S_RESAMPLED = const(100)
 _S_LOCKOUTS = const(101)
 _S_LOG_W = const(102)
-_S_X = const(202)
-_S_POS_REF = const(505)
+_S_REACH = const(202)
+_S_X = const(205)
+_S_POS_REF = const(508)
 _P_R = const(27)
 _P_LIKELIHOOD = const(28)
 _P_M2_MAX = const(29)
@@ -59,13 +61,15 @@ _W_ERR = const(6)
 _W_VAR = const(9)
 _W_SCALE = const(12)
 _W_ROOT = const(15)
-_W_GAIN = const(21)
-_W_GAIN_SHIFT = const(22)
-_W_SUM_W = const(23)
-_W_SUM_W2 = const(24)
-_W_HEAVY = const(25)
-_W_PROPOSAL = const(26)
-_W_WEIGHT = const(326)
+_W_GAIN = const(18)
+_W_GAIN_EXTRA = const(20)
+_W_GAIN_SHIFT = const(19)
+_W_SUM = const(22)
+_W_SUM2 = const(25)
+_W_SUM_W = const(21)
+_W_HEAVY = const(28)
+_W_PROPOSAL = const(29)
+_W_WEIGHT = const(329)
 _T_EXP2 = const(0)
 _T_GAUSS = const(273)
 
@@ -87,9 +91,9 @@ def draw_row(s: ptr32) -> int:
 
 @micropython.viper
 def roots(s: ptr32, w: ptr32, source: int) -> int:
-    """Square roots of three variances (Q26, state words from `source`), with their shifts.
+    """ROOT: square roots, Q16 m/s, of three variances (Q26, state words from `source`).
 
-    root * table >> shift is in Q16; small variances keep three more bits of root.
+    Those of 0.5 (m/s)² or more keep 13 bits of fraction: the others' shift would not fit.
     """
     i = 0
     while i < 3:
@@ -97,66 +101,97 @@ def roots(s: ptr32, w: ptr32, source: int) -> int:
         if variance < 0:
             variance = 0
         if variance < 0x2000000:
-            w[_W_ROOT + 2 * i] = int(isqrt(variance << 6))
-            w[_W_ROOT + 2 * i + 1] = 12
+            w[_W_ROOT + i] = int(isqrt(variance << 6))
         else:
-            w[_W_ROOT + 2 * i] = int(isqrt(variance))
-            w[_W_ROOT + 2 * i + 1] = 9
+            w[_W_ROOT + i] = int(isqrt(variance)) << 3
         i = i + 1
     return 0
 
 
 @micropython.viper
-def draw(s: ptr32, w: ptr32, t: ptr32) -> int:
-    """All particles anew from N(0, P_VV), weights 1."""
-    row = int(draw_row(s))
+def widen(s: ptr32, w: ptr32, more: int) -> int:
+    """How far a particle may be from 0 after noise of ROOT: alone, or on `more` than before."""
+    i = 0
+    while i < 3:
+        reach = w[_W_ROOT + i] * _FARTHEST >> 4
+        if more:
+            reach = reach + s[_S_REACH + i]
+        s[_S_REACH + i] = reach
+        i = i + 1
+    return 0
+
+
+@micropython.viper
+def scales(s: ptr32, w: ptr32) -> int:
+    """SCALE of each axis: the least on which no particle is beyond _MOST.
+
+    On that scale a hundred squares fit one word.
+    """
+    i = 0
+    while i < 3:
+        scale = 0
+        reach = s[_S_REACH + i]
+        while reach > _MOST:
+            reach = reach >> 1
+            scale = scale + 1
+        w[_W_SCALE + i] = scale
+        i = i + 1
+    return 0
+
+
+@micropython.viper
+def draw(k: int, q: int, s: ptr32, w: ptr32, t: ptr32) -> int:
+    """All particles anew from N(0, P_VV), weights 1. k and q are room for loop variables.
+
+    A kernel's first parameters live in registers on a board: they are its hottest locals.
+    """
+    k = _T_GAUSS + int(draw_row(s))
     int(roots(s, w, _S_P_VV))
-    i = 0
-    while i < _N:
-        at = 3 * i
-        g = _T_GAUSS + 3 * row
-        a = 0
-        while a < 3:
-            shift = w[_W_ROOT + 2 * a + 1]
-            half = 1 << (shift - 1)
-            s[_S_X + at + a] = (w[_W_ROOT + 2 * a] * t[g + a] + half) >> shift
-            a = a + 1
-        s[_S_LOG_W + i] = 0
-        row = row + 1
-        if row >= _N:
-            row = 0
-        i = i + 1
+    east = w[_W_ROOT]
+    north = w[_W_ROOT + 1]
+    rise = w[_W_ROOT + 2]
+    q = _S_X
+    while q < _S_X + _N:
+        if k >= _T_GAUSS + _N:
+            k = k - _N
+        s[q] = (east * t[k] + 1024) >> 11
+        s[q + _N] = (north * t[k + _N] + 1024) >> 11
+        s[q + 2 * _N] = (rise * t[k + 2 * _N] + 1024) >> 11
+        k = k + 1
+        q = q + 1
+    int(widen(s, w, 0))
+    k = _S_LOG_W
+    while k < _S_LOG_W + _N:
+        s[k] = 0
+        k = k + 1
     return 0
 
 
 @micropython.viper
-def propose(s: ptr32, w: ptr32, t: ptr32, fresh: int) -> int:
+def propose(k: int, q: int, s: ptr32, w: ptr32, t: ptr32, fresh: int) -> int:
     """x' = x + process noise, into work PROPOSAL; particles just drawn have theirs already."""
-    row = 0
+    k = _T_GAUSS
+    w[_W_ROOT] = 0
+    w[_W_ROOT + 1] = 0
+    w[_W_ROOT + 2] = 0
     if fresh == 0:
-        row = int(draw_row(s))
+        k = k + int(draw_row(s))
         int(roots(s, w, _S_DP_VV))
-    i = 0
-    while i < _N:
-        at = 3 * i
-        g = _T_GAUSS + 3 * row
-        a = 0
-        while a < 3:
-            x = s[_S_X + at + a]
-            if fresh == 0:
-                shift = w[_W_ROOT + 2 * a + 1]
-                half = 1 << (shift - 1)
-                x = x + ((w[_W_ROOT + 2 * a] * t[g + a] + half) >> shift)
-                if x > _X_MAX:
-                    x = _X_MAX
-                elif x < 0 - _X_MAX:
-                    x = 0 - _X_MAX
-            w[_W_PROPOSAL + at + a] = x
-            a = a + 1
-        row = row + _STRIDE
-        if row >= _N:
-            row = row - _N
-        i = i + 1
+        int(widen(s, w, 1))
+    east = w[_W_ROOT]
+    north = w[_W_ROOT + 1]
+    rise = w[_W_ROOT + 2]
+    q = _W_PROPOSAL
+    at = _S_X
+    while q < _W_PROPOSAL + _N:
+        if k >= _T_GAUSS + _N:
+            k = k - _N
+        w[q] = s[at] + ((east * t[k] + 1024) >> 11)
+        w[q + _N] = s[at + _N] + ((north * t[k + _N] + 1024) >> 11)
+        w[q + 2 * _N] = s[at + 2 * _N] + ((rise * t[k + 2 * _N] + 1024) >> 11)
+        k = k + _STRIDE
+        q = q + 1
+        at = at + 1
     return 0
 
 
@@ -164,17 +199,20 @@ def propose(s: ptr32, w: ptr32, t: ptr32, fresh: int) -> int:
 def observe(s: ptr32, p: ptr32, w: ptr32) -> int:
     """m² of the INS velocity against zero, and the likelihood's gain for the noise it implies.
 
-    m² > 2 widens the observation noise by (m²/2)², that is, divides the gain by m²/2.
+    m² > 2 widens the observation noise by (m²/2)², that is, divides the gain by m²/2. Errors
+    are shifted right until gain times the largest one fits a word.
     """
     m2 = 0
+    span = 0
     i = 0
     while i < 3:
-        v = s[_S_VEL + i] >> 12
-        if v > 32767:
-            v = 32767
-        elif v < -32767:
-            v = -32767
+        v = int(clamp(s[_S_VEL + i] >> 12, 32767))
         m2 = m2 + int(div(v * v, (s[_S_P_VV + i] >> 2) + p[_P_R], 10))
+        if v < 0:
+            v = 0 - v
+        reach = (v << 4) + s[_S_REACH + i]
+        if reach > span:
+            span = reach
         i = i + 1
     s[_S_M2] = m2
     gain = p[_P_LIKELIHOOD]
@@ -187,63 +225,87 @@ def observe(s: ptr32, p: ptr32, w: ptr32) -> int:
         gain = (gain << 10) // half
     if gain < 1:
         gain = 1
+    most = 0x3FFFFFFF // gain
+    extra = 0
+    while span >> (shift + extra) > most:
+        extra = extra + 1
     w[_W_GAIN] = gain
-    w[_W_GAIN_SHIFT] = shift
+    w[_W_GAIN_SHIFT] = shift + extra
+    w[_W_GAIN_EXTRA] = extra
     return 0
 
 
 @micropython.viper
-def weigh(s: ptr32, p: ptr32, w: ptr32, t: ptr32) -> int:
-    """log2 weights of the proposals, largest 0, and their weights; sums for N_eff and H2."""
+def likelihood(e: int, k: int, total: int, s: ptr32, w: ptr32) -> int:
+    """log2 weights less the squared normalised error of each proposal. The largest one."""
     gain = w[_W_GAIN]
     shift = w[_W_GAIN_SHIFT]
-    limit = 0x3FFFFFFF // gain
+    # A factor of two in the error, shifted away, is one of four in its square.
+    down = 6
+    up = 0
+    cap = 0x3FFFFFFF
+    extra = w[_W_GAIN_EXTRA]
+    if extra <= 3:
+        down = 6 - 2 * extra
+    else:
+        down = 0
+        up = 2 * extra - 6
+        cap = 0x2000000 >> up
+    east = int(clamp(s[_S_VEL] >> 8, _V_MAX))
+    north = int(clamp(s[_S_VEL + 1] >> 8, _V_MAX))
+    rise = int(clamp(s[_S_VEL + 2] >> 8, _V_MAX))
     best = -0x3FFFFFFF
-    i = 0
-    while i < _N:
-        at = _W_PROPOSAL + 3 * i
-        total = 0
-        a = 0
-        while a < 3:
-            e = ((s[_S_VEL + a] >> 8) - w[at + a]) >> shift
-            if e > limit:
-                e = limit
-            elif e < 0 - limit:
-                e = 0 - limit
-            e = (e * gain) >> 16
-            total = total + e * e
-            a = a + 1
-        log_w = s[_S_LOG_W + i] - (total >> 6)
-        s[_S_LOG_W + i] = log_w
-        if log_w > best:
-            best = log_w
-        i = i + 1
+    j = _S_LOG_W
+    k = _W_PROPOSAL
+    while k < _W_PROPOSAL + _N:
+        e = (((east - w[k]) >> shift) * gain) >> 16
+        total = e * e
+        e = (((north - w[k + _N]) >> shift) * gain) >> 16
+        total = total + e * e
+        e = (((rise - w[k + 2 * _N]) >> shift) * gain) >> 16
+        total = total + e * e
+        if total > cap:
+            total = cap
+        total = s[j] - ((total >> down) << up)
+        s[j] = total
+        if total > best:
+            best = total
+        j = j + 1
+        k = k + 1
+    return best
+
+
+@micropython.viper
+def weigh(x: int, weight: int, j: int, s: ptr32, p: ptr32, w: ptr32, t: ptr32) -> int:
+    """Weights of the proposals, largest 1, and their sums for the mean, N_eff and H2."""
+    best = int(likelihood(0, 0, 0, s, w))
     least = p[_P_LOG_FLOOR]
     heavy = p[_P_K]
     sum_w = 0
     sum_w2 = 0
     count = 0
-    i = 0
-    while i < _N:
-        log_w = s[_S_LOG_W + i] - best
-        if log_w < least:
-            log_w = least
-        s[_S_LOG_W + i] = log_w
-        down = 0 - log_w
-        whole = down >> 16
+    k = _W_WEIGHT
+    j = _S_LOG_W
+    while j < _S_LOG_W + _N:
+        x = s[j] - best
+        if x < least:
+            x = least
+        s[j] = x
+        x = 0 - x
+        whole = x >> 16
         weight = 0
         if whole < 15:
-            at = _T_EXP2 + ((down >> 8) & 255)
-            weight = t[at] - (((t[at] - t[at + 1]) * (down & 255)) >> 8)
+            at = _T_EXP2 + ((x >> 8) & 255)
+            weight = t[at] - (((t[at] - t[at + 1]) * (x & 255)) >> 8)
             weight = (weight + (1 << whole)) >> (whole + 1)
-        w[_W_WEIGHT + i] = weight
+        w[k] = weight
         sum_w = sum_w + weight
         sum_w2 = sum_w2 + ((weight * weight) >> 8)
         if weight > heavy:
             count = count + 1
-        i = i + 1
+        k = k + 1
+        j = j + 1
     w[_W_SUM_W] = sum_w
-    w[_W_SUM_W2] = sum_w2
     w[_W_HEAVY] = count
     root = sum_w >> 6
     s[_S_N_EFF] = int(div(root * root, sum_w2, 12))
@@ -251,44 +313,63 @@ def weigh(s: ptr32, p: ptr32, w: ptr32, t: ptr32) -> int:
 
 
 @micropython.viper
-def estimate(s: ptr32, w: ptr32) -> int:
-    """Weighted mean (ERR, Q24 m/s) and variance (VAR, on the scale of SCALE) of the proposals."""
+def moments(e: int, u: int, w: ptr32) -> int:
+    """Weighted sums over the proposals on the scale of SCALE: of values, SUM, and squares, SUM2."""
+    east = w[_W_SCALE]
+    north = w[_W_SCALE + 1]
+    rise = w[_W_SCALE + 2]
+    east1 = 0
+    east2 = 0
+    north1 = 0
+    north2 = 0
+    rise1 = 0
+    rise2 = 0
+    k = _W_PROPOSAL
+    while k < _W_PROPOSAL + _N:
+        weight = w[k + 3 * _N]
+        e = w[k] >> east
+        u = (weight * e + 8192) >> 14
+        east1 = east1 + u
+        east2 = east2 + u * e
+        e = w[k + _N] >> north
+        u = (weight * e + 8192) >> 14
+        north1 = north1 + u
+        north2 = north2 + u * e
+        e = w[k + 2 * _N] >> rise
+        u = (weight * e + 8192) >> 14
+        rise1 = rise1 + u
+        rise2 = rise2 + u * e
+        k = k + 1
+    w[_W_SUM] = east1
+    w[_W_SUM + 1] = north1
+    w[_W_SUM + 2] = rise1
+    w[_W_SUM2] = east2
+    w[_W_SUM2 + 1] = north2
+    w[_W_SUM2 + 2] = rise2
+    return 0
+
+
+@micropython.viper
+def estimate(w: ptr32) -> int:
+    """Weighted mean (ERR, Q24 m/s) and variance (VAR, on the scale of SCALE) of the proposals.
+
+    The variance is the mean square less the square mean.
+    """
+    int(moments(0, 0, w))
     sum_w = w[_W_SUM_W]
-    a = 0
-    while a < 3:
-        high = 0
-        low = 0
-        i = 0
-        while i < _N:
-            x = w[_W_PROPOSAL + 3 * i + a]
-            weight = w[_W_WEIGHT + i]
-            high = high + weight * (x >> 10)
-            low = low + weight * (x & 1023)
-            i = i + 1
-        high = high + (low >> 10)
-        low = low & 1023
-        mean = high // sum_w
-        mean = (mean << 10) + (((high - mean * sum_w) << 10) + low) // sum_w
-        w[_W_ERR + a] = mean << 8
-        # A scale on which the prior's sigma is 2**9 to 2**10 keeps every square small.
-        scale = 0
-        sigma2 = s[_S_P_VV + a]
-        while sigma2 >= 16384:
-            sigma2 = sigma2 >> 2
-            scale = scale + 1
-        total = 0
-        i = 0
-        while i < _N:
-            e = (w[_W_PROPOSAL + 3 * i + a] - mean) >> scale
-            if e > _E_MAX:
-                e = _E_MAX
-            elif e < 0 - _E_MAX:
-                e = 0 - _E_MAX
-            total = total + ((w[_W_WEIGHT + i] * e + 8192) >> 14) * e
-            i = i + 1
-        w[_W_VAR + a] = int(div(total, sum_w, 14))
-        w[_W_SCALE + a] = scale
-        a = a + 1
+    i = 0
+    while i < 3:
+        mean = int(div(w[_W_SUM + i], sum_w, 18))
+        square = mean >> 2
+        var = int(div(w[_W_SUM2 + i], sum_w, 14)) - ((square * square) >> 4)
+        if var < 0:
+            var = 0
+        scale = w[_W_SCALE + i]
+        if scale > 0:
+            mean = mean + 8  # the shift in `moments` rounds down, by half a unit on average
+        w[_W_ERR + i] = mean << (scale + 4)
+        w[_W_VAR + i] = var
+        i = i + 1
     return 0
 
 
@@ -314,25 +395,48 @@ def adapt(s: ptr32, p: ptr32) -> int:
 
 
 @micropython.viper
-def retain(s: ptr32, w: ptr32) -> int:
+def retain(k: int, j: int, s: ptr32, w: ptr32) -> int:
     """Keep x' where its weight passes M, else go back to x; then take the estimate out."""
     threshold = s[_S_THRESHOLD]
-    ex = w[_W_ERR] >> 8
-    ey = w[_W_ERR + 1] >> 8
-    ez = w[_W_ERR + 2] >> 8
+    east = w[_W_ERR] >> 8
+    north = w[_W_ERR + 1] >> 8
+    rise = w[_W_ERR + 2] >> 8
+    k = _S_X
+    j = _W_WEIGHT
+    q = _W_PROPOSAL
+    while j < _W_WEIGHT + _N:
+        if w[j] > threshold:
+            s[k] = w[q] - east
+            s[k + _N] = w[q + _N] - north
+            s[k + 2 * _N] = w[q + 2 * _N] - rise
+        else:
+            s[k] = s[k] - east
+            s[k + _N] = s[k + _N] - north
+            s[k + 2 * _N] = s[k + 2 * _N] - rise
+        k = k + 1
+        j = j + 1
+        q = q + 1
     i = 0
-    while i < _N:
-        at = _S_X + 3 * i
-        if w[_W_WEIGHT + i] > threshold:
-            new = _W_PROPOSAL + 3 * i
-            s[at] = w[new]
-            s[at + 1] = w[new + 1]
-            s[at + 2] = w[new + 2]
-        s[at] = int(clamp(s[at] - ex, _X_MAX))
-        s[at + 1] = int(clamp(s[at + 1] - ey, _X_MAX))
-        s[at + 2] = int(clamp(s[at + 2] - ez, _X_MAX))
+    while i < 3:
+        error = w[_W_ERR + i] >> 8
+        if error < 0:
+            error = 0 - error
+        s[_S_REACH + i] = s[_S_REACH + i] + error
         i = i + 1
     return 0
+
+
+@micropython.viper
+def scattered(s: ptr32) -> int:
+    """1 if particles may be 16 sigma away on an axis: no longer a picture of P_VV."""
+    found = 0
+    i = 0
+    while i < 3:
+        reach = s[_S_REACH + i] >> 7
+        if reach * reach > s[_S_P_VV + i]:
+            found = 1
+        i = i + 1
+    return found
 
 
 @micropython.viper
@@ -402,18 +506,18 @@ def feed_back(s: ptr32, p: ptr32, w: ptr32, locked: int) -> int:
 def update(s: ptr32, p: ptr32, w: ptr32, t: ptr32, fresh: int) -> int:
     """One stance tick; `fresh` on the first of a stance. 0, 1 (H2) or 3 (H1): drawn anew."""
     if fresh:
-        int(draw(s, w, t))
-    int(propose(s, w, t, fresh))
+        int(draw(0, 0, s, w, t))
+    int(propose(0, 0, s, w, t, fresh))
+    int(scales(s, w))
     int(observe(s, p, w))
-    int(weigh(s, p, w, t))
-    int(estimate(s, w))
+    int(weigh(0, 0, 0, s, p, w, t))
+    int(estimate(w))
     locked = int(adapt(s, p))
     if locked:
         i = 0
         while i < 3:
             w[_W_ERR + i] = s[_S_VEL + i]
             i = i + 1
-    int(retain(s, w))
     int(feed_back(s, p, w, locked))
     if locked:
         s[_S_INCONSISTENT] = 0
@@ -425,8 +529,11 @@ def update(s: ptr32, p: ptr32, w: ptr32, t: ptr32, fresh: int) -> int:
             if i < 2 and s[_S_P_TT + i] < p[_P_P_TT_0]:
                 s[_S_P_TT + i] = p[_P_P_TT_0]
             i = i + 1
-    if locked or w[_W_HEAVY] < p[_P_HEAVY_MIN]:
+    anew = int(locked or w[_W_HEAVY] < p[_P_HEAVY_MIN])
+    if anew == 0:
+        int(retain(0, 0, s, w))
+        anew = int(scattered(s))
+    if anew:
         s[_S_RESAMPLED] = s[_S_RESAMPLED] + 1
-        int(draw(s, w, t))
-        return 1 + 2 * locked
-    return 0
+        int(draw(0, 0, s, w, t))
+    return anew + 2 * locked

@@ -283,12 +283,16 @@ def _spread(b):
             b.s[_AT["VEL"] + a] = b.number(30)
             b.s[_AT["P_VV"] + a] = abs(b.number(30))
             b.s[_AT["DP_VV"] + a] = b.number(30)
-        b.result(particles.propose(b.s, b.w, b.t, 0))
+        for a in range(3):
+            b.s[_AT["REACH"] + a] = 1 << 20
+        b.result(particles.propose(0, 0, b.s, b.w, b.t, 0))
+        b.result(particles.scales(b.s, b.w))
         b.w[_WORK["GAIN"]] = 1 << (14 - 4 * i)
-        b.w[_WORK["GAIN_SHIFT"]] = 3 * i
-        b.result(particles.weigh(b.s, b.p, b.w, b.t))
-        b.result(particles.estimate(b.s, b.w))
-        b.result(particles.retain(b.s, b.w))
+        b.w[_WORK["GAIN_SHIFT"]] = 8
+        b.w[_WORK["GAIN_EXTRA"]] = 2 * i
+        b.result(particles.weigh(0, 0, 0, b.s, b.p, b.w, b.t))
+        b.result(particles.estimate(b.w))
+        b.result(particles.retain(0, 0, b.s, b.w))
         b.arrays()
 
 

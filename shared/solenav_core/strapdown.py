@@ -20,8 +20,8 @@ _S_POS = const(64)
 _S_CELL = const(67)
 _S_BIAS = const(70)
 _S_GRAVITY = const(73)
-_S_POS_LAST = const(502)
-_S_POS_STEP = const(508)
+_S_POS_LAST = const(505)
+_S_POS_STEP = const(511)
 _P_ACC_SCALE = const(1)
 _P_HALF_ANGLE = const(2)
 _P_DT = const(3)
@@ -35,24 +35,64 @@ _I_GYRO = const(3)
 def compose(s: ptr32, bw: int, bx: int, by: int, bz: int, left: int) -> int:
     """Attitude times b (left = 0) or b times attitude (left = 1), renormalised. b in Q30.
 
-    One Newton step of the inverse root, (3 - |q|²) / 2, keeps the length; it needs |q| near 1.
+    Sums of products of halves, 15 bits each: as both factors are units no sum of two passes
+    2**31 (Cauchy-Schwarz). One Newton step of the inverse root, (3 - |q|²) / 2, keeps the
+    length; it needs |q| near 1.
     """
     aw = s[_S_ATT]
     ax = s[_S_ATT + 1]
     ay = s[_S_ATT + 2]
     az = s[_S_ATT + 3]
-    cx = int(mulshift(ay, bz, 30)) - int(mulshift(az, by, 30))
-    cy = int(mulshift(az, bx, 30)) - int(mulshift(ax, bz, 30))
-    cz = int(mulshift(ax, by, 30)) - int(mulshift(ay, bx, 30))
     if left:
-        cx = 0 - cx
-        cy = 0 - cy
-        cz = 0 - cz
-    w = int(mulshift(aw, bw, 30)) - int(mulshift(ax, bx, 30))
-    w = w - int(mulshift(ay, by, 30)) - int(mulshift(az, bz, 30))
-    x = int(mulshift(aw, bx, 30)) + int(mulshift(ax, bw, 30)) + cx
-    y = int(mulshift(aw, by, 30)) + int(mulshift(ay, bw, 30)) + cy
-    z = int(mulshift(aw, bz, 30)) + int(mulshift(az, bw, 30)) + cz
+        # b times a is the same formula with the factors swapped.
+        aw = bw
+        ax = bx
+        ay = by
+        az = bz
+        bw = s[_S_ATT]
+        bx = s[_S_ATT + 1]
+        by = s[_S_ATT + 2]
+        bz = s[_S_ATT + 3]
+    awl = aw & 32767
+    aw = aw >> 15
+    axl = ax & 32767
+    ax = ax >> 15
+    ayl = ay & 32767
+    ay = ay >> 15
+    azl = az & 32767
+    az = az >> 15
+    bwl = bw & 32767
+    bw = bw >> 15
+    bxl = bx & 32767
+    bx = bx >> 15
+    byl = by & 32767
+    by = by >> 15
+    bzl = bz & 32767
+    bz = bz >> 15
+    w = aw * bw - ax * bx
+    w = w - ay * by - az * bz + 2
+    w = w + ((aw * bwl - ax * bxl) >> 15)
+    w = w - ((ay * byl + az * bzl) >> 15)
+    w = w + ((awl * bw - axl * bx) >> 15)
+    w = w - ((ayl * by + azl * bz) >> 15)
+    x = aw * bx + ax * bw
+    x = x + ay * bz - az * by + 2
+    x = x + ((aw * bxl + ax * bwl) >> 15)
+    x = x + ((ay * bzl - az * byl) >> 15)
+    x = x + ((awl * bx + axl * bw) >> 15)
+    x = x + ((ayl * bz - azl * by) >> 15)
+    y = aw * by + ay * bw
+    y = y + az * bx - ax * bz + 2
+    y = y + ((aw * byl + ay * bwl) >> 15)
+    y = y + ((az * bxl - ax * bzl) >> 15)
+    y = y + ((awl * by + ayl * bw) >> 15)
+    y = y + ((azl * bx - axl * bz) >> 15)
+    z = aw * bz + az * bw
+    z = z + ax * by - ay * bx + 2
+    z = z + ((aw * bzl + az * bwl) >> 15)
+    z = z + ((ax * byl - ay * bxl) >> 15)
+    z = z + ((awl * bz + azl * bw) >> 15)
+    z = z + ((axl * by - ayl * bx) >> 15)
     norm2 = int(mulshift(w, w, 30)) + int(mulshift(x, x, 30))
     norm2 = norm2 + int(mulshift(y, y, 30)) + int(mulshift(z, z, 30))
     half = (_ONE - norm2) >> 1

@@ -12,6 +12,7 @@ import subprocess
 import tempfile
 from array import array
 from collections.abc import Sequence
+from itertools import accumulate
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from solenav import engines
 from solenav.engines import device_form
 from solenav.engines.source import core_path
 from solenav.errors import SolenavError
+from solenav_core import navigator
 from solenav_core.layout import STATE_FIELDS, locate
 
 ARCHITECTURES = ("armv6m", "armv7m")
@@ -46,6 +48,8 @@ from solenav_core.tables.lookup import TABLES
 with open("params", "rb") as file:
     params = array("i", file.read())
 state = navigator.new_state()
+with open("lengths", "rb") as file:
+    lengths = array("i", file.read())
 work = navigator.new_work()
 sample = navigator.new_sample()
 row = array("h", bytes(12))
@@ -53,8 +57,10 @@ word = array("I", [0])
 tick = navigator.tick
 gc.collect()
 
-with open("samples", "rb") as source, open("out", "wb") as out:
-    while source.readinto(row) == 12:
+
+def run(ticks, source, out):
+    for _ in range(ticks):
+        source.readinto(row)
         for i in range(6):
             sample[i] = row[i]
         if want == "heap":
@@ -71,6 +77,14 @@ with open("samples", "rb") as source, open("out", "wb") as out:
                 out.write(word)
     if want == "state":
         out.write(state)
+
+
+with open("samples", "rb") as source, open("states", "rb") as states, open("out", "wb") as out:
+    for ticks in lengths:
+        states.readinto(state)
+        for i in range(len(work)):
+            work[i] = 0
+        run(ticks, source, out)
 """
 
 
@@ -104,26 +118,46 @@ def _texts(core: Path, mode: str) -> dict[str, str]:
 
 
 def digests(
-    interpreter: Sequence[str], folder: Path, counts: Counts, params: array[int]
+    interpreter: Sequence[str],
+    folder: Path,
+    counts: Counts,
+    params: array[int],
+    start: array[int] | None = None,
 ) -> list[int]:
     """The digest after every tick of `counts` (n, 6), by the core staged in `folder`.
 
-    `interpreter` is the command line of a MicroPython. SolenavError, with what it said, where
-    it fails; so do the functions below.
+    `interpreter` is the command line of a MicroPython, `start` the state to begin with if it is
+    not a fresh one. SolenavError, with what it said, where it fails; so do the functions below.
     """
-    return array("I", _run(interpreter, folder, counts, params, "digests")).tolist()
+    return digests_of_runs(interpreter, folder, [(counts, start)], params)[0]
+
+
+def digests_of_runs(
+    interpreter: Sequence[str],
+    folder: Path,
+    runs: Sequence[tuple[Counts, array[int] | None]],
+    params: array[int],
+) -> list[list[int]]:
+    """`digests` of several runs, each (counts, start), by one interpreter: its start costs once."""
+    found = array("I", _run(interpreter, folder, runs, params, "digests")).tolist()
+    ends = list(accumulate(len(counts) for counts, _start in runs))
+    return [found[end - len(counts) : end] for end, (counts, _) in zip(ends, runs, strict=True)]
 
 
 def state_after(
-    interpreter: Sequence[str], folder: Path, counts: Counts, params: array[int]
+    interpreter: Sequence[str],
+    folder: Path,
+    counts: Counts,
+    params: array[int],
+    start: array[int] | None = None,
 ) -> array[int]:
     """The whole state after the last tick of `counts`."""
-    return array("i", _run(interpreter, folder, counts, params, "state"))
+    return array("i", _run(interpreter, folder, [(counts, start)], params, "state"))
 
 
 def heap(interpreter: Sequence[str], folder: Path, counts: Counts, params: array[int]) -> list[int]:
     """Bytes that each tick of `counts` allocates on the interpreter's heap."""
-    return array("I", _run(interpreter, folder, counts, params, "heap")).tolist()
+    return array("I", _run(interpreter, folder, [(counts, None)], params, "heap")).tolist()
 
 
 def first_difference(
@@ -164,12 +198,22 @@ def _compile(path: Path, architecture: str) -> None:
 
 
 def _run(
-    interpreter: Sequence[str], folder: Path, counts: Counts, params: array[int], want: str
+    interpreter: Sequence[str],
+    folder: Path,
+    runs: Sequence[tuple[Counts, array[int] | None]],
+    params: array[int],
+    want: str,
 ) -> bytes:
+    fresh = navigator.new_state()
+    lengths = array("i", [len(counts) for counts, _start in runs])
+    samples = [np.ascontiguousarray(counts, np.int16).tobytes() for counts, _start in runs]
+    states = [(fresh if start is None else start).tobytes() for _counts, start in runs]
     with tempfile.TemporaryDirectory(prefix="solenav-ticks-") as name:
         place = Path(name)
         (place / "run.py").write_text(_RUN, encoding="utf-8")
-        (place / "samples").write_bytes(np.ascontiguousarray(counts, np.int16).tobytes())
+        (place / "lengths").write_bytes(lengths.tobytes())
+        (place / "samples").write_bytes(b"".join(samples))
+        (place / "states").write_bytes(b"".join(states))
         (place / "params").write_bytes(params.tobytes())
         try:
             done = subprocess.run(
@@ -178,7 +222,7 @@ def _run(
                 capture_output=True,
                 text=True,
                 errors="replace",
-                timeout=_START_TIMEOUT + _TICK_TIMEOUT * len(counts),
+                timeout=_START_TIMEOUT + _TICK_TIMEOUT * sum(lengths),
                 check=False,
             )
         except (OSError, subprocess.TimeoutExpired) as error:

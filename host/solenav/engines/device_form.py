@@ -16,7 +16,10 @@ from pathlib import Path
 
 from solenav.engines.source import constants, core_path, is_viper
 
-INLINE = ("mulshift", "mulsat", "clamp", "isqrt")
+INLINE = {
+    "qmath": ("mulshift", "mulsat", "clamp", "isqrt", "div"),
+    "particles": ("ratio", "remaining", "scales", "widen", "scattered"),
+}
 
 
 @dataclass
@@ -48,17 +51,16 @@ def _literals(values: dict[str, int]) -> dict[str, ast.expr]:
 
 
 def _helpers(folder: Path) -> dict[str, _Helper]:
-    tree = ast.parse((folder / "qmath.py").read_text(encoding="utf-8"))
-    names = _Names(_literals(constants(tree)))
-    return {
-        node.name: _Helper(
-            node.name,
-            [argument.arg for argument in node.args.args],
-            [names.visit(statement) for statement in _without_docstring(node.body)],
-        )
-        for node in tree.body
-        if isinstance(node, ast.FunctionDef) and node.name in INLINE
-    }
+    found = {}
+    for module, inline in INLINE.items():
+        tree = ast.parse((folder / f"{module}.py").read_text(encoding="utf-8"))
+        names = _Names(_literals(constants(tree)))
+        for node in tree.body:
+            if isinstance(node, ast.FunctionDef) and node.name in inline:
+                parameters = [argument.arg for argument in node.args.args]
+                body = [names.visit(s) for s in _without_docstring(node.body)]
+                found[node.name] = _Helper(node.name, parameters, body)
+    return found
 
 
 def _without_docstring(body: list[ast.stmt]) -> list[ast.stmt]:
@@ -138,6 +140,8 @@ def _returns_into(body: list[ast.stmt], result: str) -> list[ast.stmt]:
             then = _returns_into([*statement.body, *rest], result)
             other = _returns_into([*statement.orelse, *rest], result)
             return [*out, ast.If(statement.test, then, other)]
+        if any(isinstance(node, ast.Return) for node in ast.walk(statement)):
+            raise SyntaxError(f"a helper returns from inside a loop: {ast.unparse(statement)}")
         out.append(statement)
     return out
 

@@ -86,7 +86,7 @@ class Case:
     prepare: Callable[[array[int]], None] | None = None
 
 
-def put(state: array[int], **words: int | tuple[int, ...]) -> None:
+def put(state: array[int], /, **words: int | tuple[int, ...]) -> None:
     """Set fields of the state: one value for all of a field's words, or a value for each."""
     for name, value in words.items():
         values = value if isinstance(value, tuple) else (value,) * WORDS[name]
@@ -94,7 +94,7 @@ def put(state: array[int], **words: int | tuple[int, ...]) -> None:
             state[AT[name] + i] = word
 
 
-def navigate(state: array[int], **words: int | tuple[int, ...]) -> None:
+def navigate(state: array[int], /, **words: int | tuple[int, ...]) -> None:
     """Make the state that of a level foot after its start, on the ground, then put `words`.
 
     The detector's window is full of rest, so that the next sample at rest is stance.

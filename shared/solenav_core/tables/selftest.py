@@ -7,23 +7,23 @@ EXPECTED = (
     2298712170,  # isqrt
     2073671718,  # clamp
     2072313140,  # azimuth
-    1635549360,  # turn
-    2147115239,  # to_nav
-    873089551,  # propagate
-    2934486712,  # recentre
-    1521799987,  # full speed
-    4241409012,  # push
-    892399243,  # slower
-    2293752013,  # detect
-    3436055431,  # grow
-    1579061229,  # shrink
-    115863054,  # head
-    1322425245,  # align
-    1571216236,  # roots
-    6463407,  # ratio
-    151011472,  # feed_back
-    3475244727,  # weigh
-    3368939771,  # update
-    3805906931,  # stood
-    2480681801,  # tick
+    2806992484,  # turn
+    2441089057,  # to_nav
+    1113126313,  # propagate
+    13784218,  # recentre
+    2365730680,  # full speed
+    1456205779,  # push
+    2330029399,  # slower
+    4252131224,  # detect
+    4014090776,  # grow
+    473091461,  # shrink
+    2493601038,  # head
+    1493742883,  # align
+    4031276279,  # roots
+    734007620,  # ratio
+    3057516699,  # feed_back
+    98367167,  # weigh
+    3896804068,  # update
+    284196210,  # stood
+    2064453050,  # tick
 )

@@ -15,6 +15,7 @@ from solenav_tools.cli import (
     evaluate,
     import_recording,
     info,
+    matrix,
     monitor,
     plot,
     record,
@@ -40,6 +41,7 @@ app.command("record")(record.record)
 app.command("monitor")(monitor.monitor)
 app.command("info")(info.info)
 app.command("verify")(verify.verify)
+app.command("matrix")(matrix.matrix)
 app.command("plot")(plot.plot)
 app.command("evaluate")(evaluate.evaluate)
 

@@ -58,9 +58,7 @@ def _numbered(names: Iterable[str]) -> dict[int, str]:
     asked = sorted(set(names))
     answer = _mpy("names", "\n".join(asked) + "\n").names[-len(asked) :] if asked else ()
     return {
-        number: name
-        for number, name in zip(answer, asked, strict=True)
-        if isinstance(number, int)
+        number: name for number, name in zip(answer, asked, strict=True) if isinstance(number, int)
     }
 
 

@@ -49,7 +49,7 @@ def _compiled() -> tuple[Any, Any]:
     tally = types.CPointer(from_dtype(TALLY))
 
     @cfunc(types.void(types.voidptr, types.uint64, types.uint32, tally))
-    def on_block(machine, address, size, data):  # type: ignore[no-untyped-def]
+    def on_block(machine: Any, address: Any, size: Any, data: Any) -> None:
         t = carray(data, 1)[0]
         first = (np.int64(address) - BASE) >> 1
         t.runs[first] += 1
@@ -59,7 +59,7 @@ def _compiled() -> tuple[Any, Any]:
         t.runs[t.last] -= 1
 
     @cfunc(types.void(types.voidptr, types.int32, types.uint64, types.int32, types.int64, tally))
-    def on_memory(machine, kind, address, size, value, data):  # type: ignore[no-untyped-def]
+    def on_memory(machine: Any, kind: Any, address: Any, size: Any, value: Any, data: Any) -> None:
         t = carray(data, 1)[0]
         at = np.int64(address) - BASE
         use = WRITE if kind == _WRITING else READ
@@ -78,7 +78,8 @@ def _compiled() -> tuple[Any, Any]:
 def attach(machine: Any, tally: NDArray[Any], code: tuple[int, int]) -> None:
     """Have `machine` (a unicorn `Uc`) count blocks from code[0] to code[1], and check accesses.
 
-    Those to the stack are not checked. `tally` is an array of one TALLY, to live as long as the machine does.
+    Those to the stack are not checked. `tally` is an array of one TALLY, to live as long as the
+    machine does.
     """
     import unicorn
     from unicorn.unicorn_py3.unicorn import uclib
