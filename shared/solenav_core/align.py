@@ -16,7 +16,8 @@ _TEN = const(10485760)  # 10 m/s² in Q20
 _G_MIN = const(7864320)  # 7.5 m/s²: below or above, this is no sensor at rest on Earth
 _G_MAX = const(12582912)  # 12 m/s²
 _ROUNDS = const(8)
-_FLAT = const(0x6660000)  # 0.1 in Q30: the front axis 6° from the vertical
+_HALF = const(0x1FFFFFFF)  # a unit vector in Q29: turning one takes twice its length
+_FLAT = const(0x3330000)  # 0.1 in Q29: the front axis 6° from the vertical
 
 _S_AL_COUNT = const(3)
 _S_AL_BEST = const(5)
@@ -129,17 +130,17 @@ def head(s: ptr32, p: ptr32, w: ptr32) -> int:
     """
     i = 0
     while i < _ROUNDS:
-        int(to_nav(s, w, 0, _ONE, 0))
+        int(to_nav(s, w, 0, _HALF, 0))
         east = w[_W_NAV]
         north = w[_W_NAV + 1]
         if north > _FLAT and 0 - (north >> 4) < east < north >> 4:
             # Nearly there: the tangent is the angle, and keeps every bit.
             int(turn(s, 0, 0, int(div(east, north, 29)), 1))
         else:
-            east = east >> 16
-            north = north >> 16
+            east = east >> 15
+            north = north >> 15
             across = int(isqrt(east * east + north * north))
-            if across > _FLAT >> 16:
+            if across > _FLAT >> 15:
                 if north < 0:
                     int(compose(s, 0, 0, 0, _ONE, 1))
                     east = 0 - east

@@ -9,7 +9,7 @@ from solenav_core.compat import const, micropython, ptr32
 from solenav_core.qmath import azimuth, clamp, isqrt
 from solenav_core.strapdown import to_nav
 
-_ONE = const(0x3FFFFFFF)
+_HALF = const(0x1FFFFFFF)  # a unit vector in Q29: turning one takes twice its length
 _FAR = const(33554432)  # 128 m in Q18, longest step that the distance counts
 
 _S_TICK = const(0)
@@ -37,8 +37,8 @@ _W_NAV = const(0)
 @micropython.viper
 def heading(s: ptr32, w: ptr32, t: ptr32) -> int:
     """Azimuth of the body's front axis, clockwise from North, 2**16 a turn."""
-    int(to_nav(s, w, 0, _ONE, 0))
-    return int(azimuth(w[_W_NAV] >> 3, w[_W_NAV + 1] >> 3, t))
+    int(to_nav(s, w, 0, _HALF, 0))
+    return int(azimuth(w[_W_NAV] >> 2, w[_W_NAV + 1] >> 2, t))
 
 
 @micropython.viper
