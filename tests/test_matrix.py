@@ -26,6 +26,7 @@ from solenav_tools.matrix import ALL, REFERENCE, Matrix, Outcome, Run
 
 PARAMS = parameters.to_integers(parameters.Settings(), 200.0)
 AT = layout.offsets(STATE_FIELDS)
+FORCE_MAX = 1300  # Q7 m/s²; strides exceed it, rest does not
 # Engines that run a copy of the core, which can be another core than the reference's.
 COPIES = ("micropython", "micropython32-viper", "micropython32-mpy", "thumb")
 # Format, file, where the slice begins and how long it is in seconds: rest, then some strides.
@@ -38,6 +39,7 @@ RECORDINGS = [
 ]
 
 Compare = Callable[..., list[Outcome]]
+Plant = Callable[[str, str, int], Path]
 
 
 @pytest.fixture(scope="module")
@@ -70,15 +72,19 @@ def all_equal(every_engine: Matrix, record_property: Callable[[str, object], Non
 
 
 @pytest.fixture
-def planted(tmp_path: Path) -> Path:
-    """A core whose static start takes the attitude in fewer rounds."""
-    core = tmp_path / "planted"
-    shutil.copytree(core_path(), core)
-    align = core / "align.py"
-    text = align.read_text(encoding="utf-8")
-    assert text.count("_ROUNDS = const(8)") == 1
-    align.write_text(text.replace("const(8)", "const(1)"), encoding="utf-8")
-    return core
+def plant(tmp_path: Path) -> Plant:
+    """Makes a copy of the core with another value of one module's constant."""
+
+    def other(module: str, line: str, value: int) -> Path:
+        core = tmp_path / "planted"
+        shutil.copytree(core_path(), core)
+        path = core / f"{module}.py"
+        text = path.read_text(encoding="utf-8")
+        assert text.count(line) == 1
+        path.write_text(text.replace(line, f"{line.split()[0]} = const({value})"), encoding="utf-8")
+        return core
+
+    return other
 
 
 def fast_over(run: Run, params: array[int]) -> tuple[engines.Engine, int]:
@@ -134,7 +140,8 @@ def test_a_simulated_walk(walk: Path, all_equal: Compare) -> None:
 
 
 def test_the_golden_walks(all_equal: Compare) -> None:
-    all_equal([Run(counts, name=name) for name, counts in make.samples().items()])
+    # 1300 ticks: a start and a few strides, full-scale noise, a flight.
+    all_equal([Run(counts[:1300], name=name) for name, counts in make.samples().items()])
 
 
 def test_the_torture_set(all_equal: Compare) -> None:
@@ -157,7 +164,8 @@ def test_a_minute(case: torture.Case, all_equal: Compare) -> None:
 
 
 @pytest.mark.parametrize("engine", COPIES)
-def test_a_planted_difference_is_found(engine: str, planted: Path) -> None:
+def test_a_planted_difference_is_found(engine: str, plant: Plant) -> None:
+    planted = plant("detector", "_NORM_MAX = const(8191)", FORCE_MAX)
     counts = make.samples()["walk"][:300]
     (outcome,) = matrix.run(counts, PARAMS, [engine], core=planted)
     if outcome.skipped:
@@ -165,28 +173,31 @@ def test_a_planted_difference_is_found(engine: str, planted: Path) -> None:
     d = outcome.difference
     assert outcome.wrong and d is not None
     assert outcome.ticks == d.tick - 1
-    assert d.stage == "strapdown" and d.field.startswith("ATT[")
+    assert d.tick > 240 and d.stage == "detector" and d.field.startswith("RING[")
+    assert d.value == FORCE_MAX
     # Both values are those of the states after that tick.
     pure = engines.create("pure", PARAMS)
     pure.advance(counts, 0, d.tick)
     words = {locate(STATE_FIELDS, i)[1]: word for i, word in enumerate(pure.state)}
     assert words[d.field] == d.reference != d.value
-    assert d.also and set(d.also) <= set(words)
-    assert f"tick {d.tick}, stage strapdown, field {d.field}: {engine} {d.value}" in str(outcome)
+    assert f"tick {d.tick}, stage detector, field {d.field}: {engine} {d.value}" in str(outcome)
     (before,) = matrix.run(counts[: d.tick - 1], PARAMS, [engine], core=planted)
     assert before.equal
 
 
 @pytest.mark.parametrize("engine", COPIES)
-def test_a_difference_in_a_later_run_is_named(engine: str, planted: Path) -> None:
+def test_a_difference_in_a_later_run_is_named(engine: str, plant: Plant) -> None:
+    planted = plant("strapdown", "_VEL_MAX = const(419430400)", 100)
     walk = make.samples()["walk"][:300]
     runs = [Run(np.zeros((5, 6), np.int16), name="dead"), Run(walk, name="walk")]
     with Matrix([engine], planted) as one:
         (outcome,) = one.compare(runs, PARAMS)
     if outcome.skipped:
         pytest.skip(outcome.skipped)
-    assert outcome.difference is not None and outcome.difference.run == "walk"
-    assert outcome.ticks == 5 + outcome.difference.tick - 1
+    d = outcome.difference
+    assert d is not None and d.run == "walk" and outcome.ticks == 5 + d.tick - 1
+    assert d.stage == "navigator" and d.field == "SATURATED" and d.value > d.reference
+    assert any(word.startswith("VEL[") for word in d.also)
 
 
 def test_an_engine_that_gives_up_says_where() -> None:
@@ -199,7 +210,8 @@ def test_an_engine_that_gives_up_says_where() -> None:
     assert outcome.failed.startswith("run, tick 1: ") and "overflow" in outcome.failed
 
 
-def test_what_micropython_says_is_a_failure(planted: Path) -> None:
+def test_what_micropython_says_is_a_failure(plant: Plant) -> None:
+    planted = plant("detector", "_NORM_MAX = const(8191)", FORCE_MAX)
     (planted / "navigator.py").write_text("raise ValueError('planted')\n", encoding="utf-8")
     (outcome,) = matrix.run(np.zeros((1, 6), np.int16), PARAMS, ["micropython"], core=planted)
     if outcome.skipped:

@@ -180,7 +180,10 @@ def field(name: str) -> SearchStrategy[tuple[int, ...]]:
     return some.map(lambda values: tuple(values[i % len(values)] for i in range(count)))
 
 
-fields = st.fixed_dictionaries({name: field(name) for name in torture.LIMITS} | {"ATT": attitudes})
+fields = st.fixed_dictionaries(
+    {name: field(name) for name in torture.LIMITS}
+    | {"ATT": attitudes, "X": st.lists(st.integers(0, 2**24), min_size=1, max_size=5).map(tuple)}
+)
 
 
 class Bench:
@@ -188,6 +191,8 @@ class Bench:
 
     def __init__(self, given: Words, rate: float) -> None:
         self.s = navigator.new_state()
+        if "X" in given:
+            given |= torture.cloud(given["P_VV"], given["X"])
         torture.navigate(self.s, **given)
         self.w = navigator.new_work()
         self.m = navigator.new_sample()
@@ -298,8 +303,7 @@ def test_feed_back(
     bench = Bench(given, rate)
     bench.work("ERR", *(given["VEL"] if locked else error))
     bench.work("VAR", *variance)
-    # The scale that `estimate` takes for a variance.
-    bench.work("SCALE", *[max(0, (v.bit_length() - 13) // 2) for v in given["P_VV"]])
+    kernels["scales"](bench.s, bench.w)
     kernels["feed_back"](bench.s, bench.p, bench.w, locked)
 
 

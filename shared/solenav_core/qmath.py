@@ -89,6 +89,8 @@ def isqrt(x: int) -> int:
     root = 0
     rem = 0
     shift = 30
+    while shift > 0 and x >> shift == 0:
+        shift = shift - 2
     while shift >= 0:
         rem = (rem << 2) + ((x >> shift) & 3)
         trial = (root << 2) + 1

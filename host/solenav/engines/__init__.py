@@ -1,7 +1,7 @@
 """Engines: ways to run the core's one source on the host, equal to the last bit.
 
 `pure` is plain Python, `checked` raises where a 32-bit word would overflow, `fast` is compiled
-by numba.
+by numba, `thumb` is the machine code of a Cortex-M0+ on an emulated CPU.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from solenav_core import navigator
 from solenav_core.layout import STATE_FIELDS, offsets
 from solenav_core.tables.lookup import TABLES
 
-NAMES = ("pure", "checked", "fast")
+NAMES = ("pure", "checked", "fast", "thumb")
 _MODE = offsets(STATE_FIELDS)["MODE"]
 
 
@@ -107,6 +107,10 @@ def create(name: str, params: array[int]) -> Engine:
     """An engine by name. SolenavError for an unknown name, or `fast` without numba."""
     if name not in NAMES:
         raise SolenavError(f"there is no engine {name!r}", f"choose one of {', '.join(NAMES)}")
+    if name == "thumb":
+        from solenav.engines import device_form, thumb
+
+        return thumb.ThumbEngine(params, device_form.kernel_modules())
     return Engine(name, params)
 
 

@@ -14,11 +14,22 @@ import copy
 from dataclasses import dataclass
 from pathlib import Path
 
-from solenav.engines.source import constants, core_path, is_viper
+from solenav.engines.source import MODULES, constants, core_path, is_viper
 
 INLINE = {
     "qmath": ("mulshift", "mulsat", "clamp", "isqrt", "div"),
-    "particles": ("ratio", "remaining", "scales", "widen", "scattered"),
+    "strapdown": ("correct_rate", "recentre"),
+    "detector": ("push",),
+    "particles": (
+        "draw_row",
+        "ratio",
+        "scales",
+        "widen",
+        "scattered",
+        "adapt",
+        "estimate",
+    ),
+    "navigator": ("rest",),
 }
 
 
@@ -249,6 +260,12 @@ def _expanded_module(text: str, helpers: dict[str, _Helper]) -> str:
             body = [_Names(literals).visit(s) for s in _without_docstring(node.body)]
             node.body = _Expand(helpers).block(body)
     return ast.unparse(ast.fix_missing_locations(tree)) + "\n"
+
+
+def kernel_modules() -> dict[str, str]:
+    """The modules that hold kernels, by module name: what an emulated CPU needs."""
+    files = modules()
+    return {name: files[f"{name}.py"] for name in MODULES}
 
 
 def modules(core: Path | None = None) -> dict[str, str]:

