@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 DEMO := demo
 
-.PHONY: demo test lint bench tables clean
+.PHONY: demo test lint bench firmware tables clean
 
 demo: $(VENV)/.installed
 	@mkdir -p $(DEMO)
@@ -29,6 +29,12 @@ lint: $(VENV)/.installed
 
 bench: $(VENV)/.installed
 	$(BIN)/python tools/bench
+	$(BIN)/python tools/bench/cycles.py
+
+MARCH ?= armv6m
+firmware: $(VENV)/.installed
+	$(BIN)/python -m solenav_tools.staging build/firmware $(MARCH)
+	@echo build/firmware
 
 tables: $(VENV)/.installed
 	$(BIN)/python tools/tables/constants.py

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import sys
 from collections.abc import Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
@@ -11,6 +12,8 @@ from typing import Any
 
 import solenav.sim.board
 import solenav_core
+from solenav.engines import device_form
+from solenav.engines.thumb.compiler import compiled
 from solenav.errors import SolenavError
 
 _SIMULATED = "solenav.sim.board.simulated"
@@ -66,6 +69,28 @@ def stage(folder: Path, config: Mapping[str, Any]) -> None:
     _write(folder / "build.json", json.dumps({"hash": build_hash(), "version": _version()}))
 
 
+def stage_board(folder: Path, march: str) -> None:
+    """Put what a real board runs into `folder`: firmware as source, the core compiled.
+
+    The core goes as its device form through mpy-cross for `march` (armv6m: Raspberry Pi Pico).
+    SolenavError where mpy-cross is missing or refuses.
+    """
+    for name, path in _files():
+        if not name.startswith("solenav_core/"):
+            _write(folder / name, path.read_text(encoding="utf-8"))
+    for name, text in device_form.modules().items():
+        target = folder / "solenav_core" / Path(name).with_suffix(".mpy")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(compiled(Path(name).stem, text, march))
+    _write(folder / "build.json", json.dumps({"hash": build_hash(), "version": _version()}))
+
+
 def _write(path: Path, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit("usage: python -m solenav_tools.staging FOLDER ARCHITECTURE (Pico: armv6m)")
+    stage_board(Path(sys.argv[1]), sys.argv[2])

