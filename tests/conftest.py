@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,8 @@ from solenav import capture, importing, replay
 from solenav.sim.scenario import simulate
 
 # The first call may compile; nothing here is timed.
-settings.register_profile("solenav", deadline=None)
+# CI looks at the same examples each time, a person's machine at new ones.
+settings.register_profile("solenav", deadline=None, derandomize=bool(os.environ.get("CI")))
 settings.load_profile("solenav")
 
 

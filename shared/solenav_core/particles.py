@@ -16,6 +16,7 @@ _STRIDE = const(37)  # prime to 100: every particle gets another row of the tabl
 _LIMIT = const(0x3FFFFFFF)
 _MOST = const(4540)  # largest particle on its scale: a hundred squares of it fit a word
 _FARTHEST = const(51)  # largest component in the table, 3.18, in Q4 rounded up
+_ERR_FAR = const(268435456)  # 16 m/s in Q24: taken from a velocity at its limit it still fits
 _V_MAX = const(524272)  # 8 m/s in Q16, the velocity that the likelihood takes at most
 _KP_MAX = const(33554432)  # 32 s in Q20
 _KT_MAX = const(67108864)  # 4 rad s/m in Q24
@@ -222,6 +223,8 @@ def observe(s: ptr32, p: ptr32, w: ptr32) -> int:
         while half >= 2048:
             half = half >> 1
             shift = shift + 1
+        if half < 1:
+            half = 1
         gain = (gain << 10) // half
     if gain < 1:
         gain = 1
@@ -367,7 +370,7 @@ def estimate(w: ptr32) -> int:
         scale = w[_W_SCALE + i]
         if scale > 0:
             mean = mean + 8  # the shift in `moments` rounds down, by half a unit on average
-        w[_W_ERR + i] = mean << (scale + 4)
+        w[_W_ERR + i] = int(clamp(mean << (scale + 4), _ERR_FAR))
         w[_W_VAR + i] = var
         i = i + 1
     return 0

@@ -59,7 +59,7 @@ LIMITS = {
     "P_VT": (-ONE, ONE),
     "P_PT": (-ONE, ONE),
     "P_TT": (0, ONE),
-    "DP_VV": (-ONE, ONE),
+    "DP_VV": (-(2**27), 2**27),  # at 50 Hz
     "SWING_TICKS": (0, ONE),
     "RNG": (0, 65535),
     "INCONSISTENT": (0, 1023),
