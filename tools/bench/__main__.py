@@ -29,7 +29,7 @@ from solenav_tools.board import find_micropython, stage
 RATE = 200.0
 _STANCE = layout.offsets(layout.STATE_FIELDS)["STANCE"]
 # Enough for a ratio, little enough for the slowest engine.
-_TICKS = {"pure": 4000, "checked": 600, "fast": 400_000}
+_TICKS = {"pure": 4000, "checked": 600, "fast": 400_000, "thumb": 1200}
 
 _HEAP_SCRIPT = """
 import gc
