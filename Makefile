@@ -42,6 +42,7 @@ tables: $(VENV)/.installed
 	$(BIN)/python tools/tables/defaults.py
 	$(BIN)/python tools/tables/selftest.py
 	$(BIN)/python tools/tables/protocol.py
+	$(BIN)/python tools/tables/ranges.py
 
 $(VENV)/.installed: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10) and "solenav needs Python 3.10 or newer: make PYTHON=python3.11")'

@@ -189,8 +189,8 @@ def test_a_rule_fires_on_the_bad_form_only(rule: str, bad: str, good: str) -> No
 
 
 def test_every_rule_has_a_case() -> None:
-    rules = re.findall(r'self\.found\(\s*[\w.\[\]-]+,\s*"(\w+)"', SCRIPT.read_text("utf-8"))
-    assert set(rules) == {rule for rule, _bad, _good in CASES}
+    fired = re.findall(r'self\.found\(\s*[\w.\[\]-]+,\s*"(\w+)"', SCRIPT.read_text("utf-8"))
+    assert set(fired) == {rule for rule, _bad, _good in CASES}
 
 
 def test_a_finding_says_where_and_what_to_write_instead() -> None:

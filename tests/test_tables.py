@@ -16,7 +16,8 @@ TABLE_SCRIPTS = Path(__file__).parents[1] / "tools" / "tables"
 
 
 @pytest.mark.parametrize(
-    "script", ["constants.py", "defaults.py", "lookup.py", "protocol.py", "selftest.py"]
+    "script",
+    ["constants.py", "defaults.py", "lookup.py", "protocol.py", "ranges.py", "selftest.py"],
 )
 def test_generated_files_are_current(script: str) -> None:
     done = subprocess.run(
