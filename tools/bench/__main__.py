@@ -1,4 +1,4 @@
-"""What the core costs: `python tools/bench [--json]`.
+"""What the core costs: `python tools/bench [--json]`, and on a board: `python tools/bench cycles`.
 
 Prints, as ratios in one run or as counts that repeat: the speed of each engine as a multiple of
 real time at 200 Hz, stance and swing apart; an hour on the fast engine; bytes per tick on the
@@ -16,6 +16,7 @@ from array import array
 from pathlib import Path
 from typing import Any
 
+import cycles
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
@@ -165,6 +166,9 @@ def measure() -> dict[str, Any]:
 
 
 def main() -> None:
+    if "cycles" in sys.argv[1:]:
+        cycles.main()
+        return
     result = measure()
     if "--json" in sys.argv[1:]:
         print(json.dumps(result, indent=2))

@@ -1,4 +1,4 @@
-"""What a tick costs on a Raspberry Pi Pico: `python tools/bench/cycles.py [--json | --write]`.
+"""What a tick costs on a Raspberry Pi Pico: `python tools/bench cycles [--json | --write]`.
 
 The core's device form, compiled for the Cortex-M0+, runs a fixed walk on the Thumb engine, which
 counts instructions and cycles; calls and divisions of the runtime come from its model. Swing and
@@ -92,6 +92,10 @@ def measure() -> dict[str, Any]:
         },
         "mpy_bytes": {name: len(compiled(name, text)) for name, text in kernel_modules().items()},
         "kernel_bytes": kernel_bytes(),
+        "mpy_bytes_by_architecture": {
+            march: sum(len(compiled(n, text, march)) for n, text in kernel_modules().items())
+            for march in ("armv6m", "armv7emsp", "armv7emdp", "xtensawin", "rv32imc")
+        },
         "ram_bytes": {
             name: 4 * layout.size(fields)
             for name, fields in (
@@ -119,6 +123,7 @@ def main() -> None:
             table.add_row(stage, str(row["instructions"]), str(row["cycles"]))
         console.print(table)
     console.print(".mpy bytes:", result["mpy_bytes"], "total", sum(result["mpy_bytes"].values()))
+    console.print("on each architecture:", result["mpy_bytes_by_architecture"])
     largest = list(result["kernel_bytes"].items())[:6]
     console.print("largest kernels:", ", ".join(f"{name} {size}" for name, size in largest))
     console.print("RAM bytes:", result["ram_bytes"])
