@@ -77,6 +77,21 @@ def sender(data: bytes, *, then_vanish: bool) -> Iterator[str]:
             os.close(master)
 
 
+def on_a_terminal(*arguments: str) -> tuple[int, str]:
+    """Run the command on a terminal of its own: exit code, and all that it showed."""
+    pid, terminal = pty.fork()
+    if pid == 0:
+        os.environ |= {"TERM": "xterm", "COLUMNS": "110", "LINES": "30"}
+        os.execv(SOLENAV, ["solenav", *arguments])
+    shown = b""
+    with contextlib.suppress(OSError):
+        while data := os.read(terminal, 4096):
+            shown += data
+    _pid, status = os.waitpid(pid, 0)
+    os.close(terminal)
+    return os.waitstatus_to_exitcode(status), shown.decode()
+
+
 def messages_in(path: Path) -> list[link.Frame]:
     reader = link.FrameReader()
     items = [item for _t, data in capture.read_records(path) for item in reader.feed(data)]
@@ -156,19 +171,10 @@ def test_monitor_in_a_pipe_prints_a_line_a_second(ten: Path) -> None:
 def test_monitor_on_a_terminal_shows_a_view(ten: Path, tmp_path: Path) -> None:
     out = tmp_path / "m.solcap"
     with served(ten, "--realtime") as port:
-        pid, terminal = pty.fork()
-        if pid == 0:
-            os.environ |= {"TERM": "xterm", "COLUMNS": "110", "LINES": "30"}
-            os.execv(SOLENAV, [str(SOLENAV), "monitor", port, "--duration", "4", "-o", str(out)])
-        shown = b""
-        with contextlib.suppress(OSError):
-            while data := os.read(terminal, 4096):
-                shown += data
-        _pid, status = os.waitpid(pid, 0)
-        os.close(terminal)
-    assert os.waitstatus_to_exitcode(status) == 0, shown.decode()
+        status, shown = on_a_terminal("monitor", port, "--duration", "4", "-o", str(out))
+    assert status == 0, shown
     for part in ("navigating", "position", "heading", "N_eff", "drops", "\x1b["):
-        assert part.encode() in shown
+        assert part in shown
     assert len(capture.load(out).samples) > 400
 
 
@@ -229,24 +235,7 @@ def test_a_missing_micropython_is_told_with_the_remedy(ten: Path, tmp_path: Path
 
 
 def test_long_work_shows_a_progress_bar_on_a_terminal(ten: Path, tmp_path: Path) -> None:
-    pid, terminal = pty.fork()
-    if pid == 0:
-        os.environ |= {"TERM": "xterm", "COLUMNS": "110", "LINES": "30"}
-        command = [
-            "solenav",
-            "replay",
-            str(ten),
-            "--engine",
-            "pure",
-            "-o",
-            str(tmp_path / "x.solcap"),
-        ]
-        os.execv(SOLENAV, command)
-    shown = b""
-    with contextlib.suppress(OSError):
-        while data := os.read(terminal, 4096):
-            shown += data
-    _pid, status = os.waitpid(pid, 0)
-    os.close(terminal)
-    assert os.waitstatus_to_exitcode(status) == 0
-    assert "replaying on pure" in shown.decode() and "━" in shown.decode()
+    out = str(tmp_path / "x.solcap")
+    status, shown = on_a_terminal("replay", str(ten), "--engine", "pure", "-o", out)
+    assert status == 0
+    assert "replaying on pure" in shown and "━" in shown
