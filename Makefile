@@ -26,6 +26,7 @@ lint: $(VENV)/.installed
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(BIN)/python tools/lint/kernels.py
 
 bench: $(VENV)/.installed
 	$(BIN)/python tools/bench

@@ -50,6 +50,16 @@ def test_a_rate_that_the_core_cannot_hold_is_refused(rate: float) -> None:
         parameters.to_integers(parameters.Settings(), rate)
 
 
+def test_a_turn_and_a_gain_that_overflow_together_are_refused() -> None:
+    turned = dict(zip(params.NAMES, PARAMS, strict=True)) | {"YAW_W": 2**30 - 1, "YAW_Z": 2**29}
+    with pytest.raises(SolenavError, match="no rotation"):
+        parameters.checked(list(turned.values()))
+    with pytest.raises(SolenavError, match="STILL_GAIN"):
+        parameters.to_integers(
+            parameters.Settings(still_rate_dps=300.0, still_time_constant_s=0.5), 200.0
+        )
+
+
 def test_a_setting_that_a_word_cannot_hold_is_refused_by_name() -> None:
     with pytest.raises(SolenavError, match="RATE_MAX"):
         parameters.to_integers(parameters.Settings(rate_max_dps=2000.0), 200.0)

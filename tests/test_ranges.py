@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from golden import make
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
@@ -58,8 +57,7 @@ def test_the_torture_set_comes_to_every_operation(recorder: ranges.Recorder) -> 
         for reached in found
         if reached.magnitude is None
     }
-    # Levelling never leaves the front axis pointing South; `head` would turn it all the same.
-    assert missed <= {("align.head", "0 - east")}
+    assert missed == set()
 
 
 @pytest.mark.parametrize("rate", [50.0, 600.0])
@@ -80,13 +78,6 @@ def test_the_torture_set_is_the_same_on_every_machine() -> None:
     for case, again in zip(cases, torture.short(), strict=True):
         assert case.name == again.name and np.array_equal(case.counts, again.counts)
     assert torture.noise(1, 4, 1).tolist() == [[-4, -1, -2, 1, -3, -3]]
-
-
-def test_the_walks_are_the_golden_runs() -> None:
-    golden = make.samples()
-    walks = {case.name: case.counts for case in torture.walks()}
-    assert walks.keys() == golden.keys()
-    assert all(np.array_equal(walks[name], golden[name]) for name in golden)
 
 
 # The recorder
@@ -143,6 +134,17 @@ def test_a_planted_overflow_is_caught_and_named(core: Path) -> None:
     counts = np.full((1, 6), 32767, np.int16)
     with pytest.raises(checked.RangeError, match=f"detector.push line {line}: .*overflow of <<"):
         recorder.run("full scale", counts, PARAMS[200.0])
+
+
+def test_an_overflow_in_an_augmented_assignment_is_caught(core: Path) -> None:
+    path = core / "detector.py"
+    text = path.read_text(encoding="utf-8")
+    planted = text.replace("    norm = int(isqrt(", "    x *= x * 4\n    norm = int(isqrt(")
+    assert planted != text
+    path.write_text(planted, encoding="utf-8")
+    counts = np.full((1, 6), 32767, np.int16)
+    with pytest.raises(checked.RangeError, match=r"detector.push .*overflow of \*"):
+        ranges.Recorder().run("full scale", counts, PARAMS[200.0])
 
 
 # The search: single kernels over the ranges that they are written for

@@ -65,7 +65,7 @@ def _limits() -> dict[str, tuple[int, int]]:
     word = 2**30 - 1
     limits = dict.fromkeys(params.NAMES, (0, word))
     limits |= {
-        "ACC_SCALE": (1, 32767),
+        "ACC_SCALE": (1, 26754),
         "HALF_ANGLE": (1, 2**26),
         "DT": (1, 2**25),
         "YAW_W": (-word, word),
@@ -77,7 +77,9 @@ def _limits() -> dict[str, tuple[int, int]]:
         "STILL_RATE": (1, 26000),
         "STILL_GAIN": (0, 65535),
         "WINDOW": (1, 31),
-        "R": (1, word),
+        "Q_VV_H": (0, 2**28),
+        "Q_VV_U": (0, 2**28),
+        "R": (2048, word),
         "LIKELIHOOD": (2, 2**20),
         "LOG_FLOOR": (-(2**24), 0),
         "M_A": (0, 16384),
@@ -181,6 +183,17 @@ def checked(values: list[int]) -> array[int]:
                 f"parameter {name} = {value} is outside {low} to {high}",
                 "choose a setting that the core's word can hold",
             )
+    found = named(array("i", values))
+    if found["YAW_W"] ** 2 + found["YAW_Z"] ** 2 > 2**60:
+        raise SolenavError(
+            "parameters YAW_W and YAW_Z are no rotation: their squares sum to more than 1",
+            "make them the cosine and sine of half the initial heading, times 2**30",
+        )
+    if found["STILL_RATE"] * found["STILL_GAIN"] >= 2**25:
+        raise SolenavError(
+            "parameters STILL_RATE and STILL_GAIN together overflow the core's word",
+            "lower the still rate or lengthen the still time constant",
+        )
     return array("i", values)
 
 

@@ -126,7 +126,8 @@ def level(s: ptr32, w: ptr32, ax: int, ay: int, az: int) -> int:
 def head(s: ptr32, p: ptr32, w: ptr32) -> int:
     """Turn about Up until the front axis has the initial heading.
 
-    A front axis within 6° of the vertical has no heading; it is left as levelling put it.
+    A front axis within 6° of the vertical has no heading; it is left as levelling put it. Any
+    other points north of East or West, since levelling turns by at most a right angle.
     """
     i = 0
     while i < _ROUNDS:
@@ -141,9 +142,6 @@ def head(s: ptr32, p: ptr32, w: ptr32) -> int:
             north = north >> 15
             across = int(isqrt(east * east + north * north))
             if across > _FLAT >> 15:
-                if north < 0:
-                    int(compose(s, 0, 0, 0, _ONE, 1))
-                    east = 0 - east
                 int(turn(s, 0, 0, int(div(east, across, 29)), 1))
         i = i + 1
     return int(compose(s, p[_P_YAW_W], 0, 0, p[_P_YAW_Z], 1))

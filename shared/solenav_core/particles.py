@@ -223,8 +223,8 @@ def observe(s: ptr32, p: ptr32, w: ptr32) -> int:
         while half >= 2048:
             half = half >> 1
             shift = shift + 1
-        if half < 1:
-            half = 1
+        if half < 1024:
+            half = 1024  # m² widens the noise, it never narrows it
         gain = (gain << 10) // half
     if gain < 1:
         gain = 1
@@ -525,7 +525,8 @@ def update(s: ptr32, p: ptr32, w: ptr32, t: ptr32, fresh: int) -> int:
     if locked:
         s[_S_INCONSISTENT] = 0
         s[_S_SINCE_CONSISTENT] = 0
-        s[_S_LOCKOUTS] = s[_S_LOCKOUTS] + 1
+        if s[_S_LOCKOUTS] < _LIMIT:
+            s[_S_LOCKOUTS] = s[_S_LOCKOUTS] + 1
         i = 0
         while i < 3:
             s[_S_P_VV + i] = p[_P_P_VV_H1]
@@ -537,6 +538,7 @@ def update(s: ptr32, p: ptr32, w: ptr32, t: ptr32, fresh: int) -> int:
         int(retain(0, 0, s, w))
         anew = int(scattered(s))
     if anew:
-        s[_S_RESAMPLED] = s[_S_RESAMPLED] + 1
+        if s[_S_RESAMPLED] < _LIMIT:
+            s[_S_RESAMPLED] = s[_S_RESAMPLED] + 1
         int(draw(0, 0, s, w, t))
     return anew + 2 * locked

@@ -49,7 +49,8 @@ def mulsat(a: int, b: int, n: int) -> int:
 def div(num: int, den: int, n: int) -> int:
     """num * 2**n / den, truncated towards zero, for 0 <= n <= 30 and den > 0.
 
-    The quotient must fit a word; den <= 0 gives 0 (the callers' variances are never negative).
+    |num| and the quotient must stay below 2**31; den <= 0 gives 0 (the callers' variances are
+    never negative).
     """
     if den <= 0:
         return 0

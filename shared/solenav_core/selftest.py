@@ -176,12 +176,8 @@ def _detect(b):
 
 def _grow(b):
     for _ in range(_ROUNDS):
-        for name, words in (("P_VV", 3), ("P_PV", 3), ("P_PP", 3), ("P_TT", 2)):
-            for i in range(words):
-                b.s[_AT[name] + i] = abs(b.number(30))
-        for name in ("P_VT", "P_PT"):
-            for i in range(2):
-                b.s[_AT[name] + i] = b.number(27)
+        _covariances(b, ("P_VV", "P_PV", "P_PP", "P_TT"), 30, 0)
+        _covariances(b, ("P_VT", "P_PT"), 27, 1)
         b.result(covariance.grow(b.s, b.p))
         b.arrays()
 
@@ -253,12 +249,9 @@ def _ratio(b):
 
 def _feed_back(b):
     for i in range(12):
-        for name, words in (("P_VV", 3), ("P_PP", 3), ("P_TT", 2)):
-            for a in range(words):
-                b.s[_AT[name] + a] = abs(b.number(30))
-        for name, words, bits in (("P_PV", 3, 30), ("P_VT", 2, 28), ("P_PT", 2, 28)):
-            for a in range(words):
-                b.s[_AT[name] + a] = b.number(bits)
+        _covariances(b, ("P_VV", "P_PP", "P_TT"), 30, 0)
+        _covariances(b, ("P_PV",), 30, 1)
+        _covariances(b, ("P_VT", "P_PT"), 28, 1)
         for a in range(3):
             b.s[_AT["VEL"] + a] = b.number(29)
             b.s[_AT["POS"] + a] = b.number(29)
@@ -339,6 +332,14 @@ def _tick(b):
             b.sample(bits)
             b.result(navigator.tick(b.s, params, b.w, b.t, b.m))
         b.arrays()
+
+
+def _covariances(b, names, bits, signed):
+    """Numbers of up to `bits` bits into these fields of the state."""
+    for name in names:
+        for i in range(2 if name in ("P_VT", "P_PT", "P_TT") else 3):
+            value = b.number(bits)
+            b.s[_AT[name] + i] = value if signed else abs(value)
 
 
 def _stand(b):

@@ -59,7 +59,8 @@ def stood(s: ptr32, p: ptr32, w: ptr32, t: ptr32) -> int:
     s[_S_HEADING_LAST] = int(heading(s, w, t))
     if s[_S_STEPPING]:
         s[_S_STEPPING] = 2
-        s[_S_STEPS] = s[_S_STEPS] + 1
+        if s[_S_STEPS] < 0x3FFFFFFF:
+            s[_S_STEPS] = s[_S_STEPS] + 1
         # Q10 m, halved until both squares fit one word.
         east = int(clamp(s[_S_POS] - s[_S_POS_STEP], _FAR)) >> 8
         north = int(clamp(s[_S_POS + 1] - s[_S_POS_STEP + 1], _FAR)) >> 8

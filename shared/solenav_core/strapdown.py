@@ -180,7 +180,9 @@ def propagate(s: ptr32, p: ptr32, w: ptr32, m: ptr32) -> int:
         s[_S_VEL + i] = new
         s[_S_POS + i] = s[_S_POS + i] + int(mulshift((new >> 1) + (old >> 1), dt, 36))
         i = i + 1
-    s[_S_SATURATED] = s[_S_SATURATED] + hit
+    if hit:
+        if s[_S_SATURATED] < 0x3FFFFFFF:
+            s[_S_SATURATED] = s[_S_SATURATED] + 1
     return 0
 
 

@@ -95,6 +95,12 @@ class _Instrument(ast.NodeTransformer):
     def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
         return self.call("_load", node, self.visit(node.value), self.visit(node.slice))
 
+    def visit_AugAssign(self, node: ast.AugAssign) -> ast.stmt:
+        # The target is read as well as written: the plain form has both.
+        read = ast.parse(ast.unparse(node.target), mode="eval").body
+        value = ast.copy_location(ast.BinOp(read, node.op, node.value), node)
+        return self.visit_Assign(ast.copy_location(ast.Assign([node.target], value), node))
+
     def visit_Assign(self, node: ast.Assign) -> ast.stmt:
         value = self.visit(node.value)
         target = node.targets[0]
