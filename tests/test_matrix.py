@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli import refused, solenav
-from golden import make
 
 from solenav import capture, datasets, engines, mpu9150, parameters
 from solenav.engines.source import core_path
@@ -25,6 +24,7 @@ from solenav_tools import matrix, micropython32
 from solenav_tools.matrix import ALL, REFERENCE, Matrix, Outcome, Run
 
 PARAMS = parameters.to_integers(parameters.Settings(), 200.0)
+WALKS = {case.name: case.counts for case in torture.walks()}
 AT = layout.offsets(STATE_FIELDS)
 FORCE_MAX = 1300  # Q7 m/s²; strides exceed it, rest does not
 # Engines that run a copy of the core, which can be another core than the reference's.
@@ -141,7 +141,7 @@ def test_a_simulated_walk(walk: Path, all_equal: Compare) -> None:
 
 def test_the_golden_walks(all_equal: Compare) -> None:
     # 1300 ticks: a start and a few strides, full-scale noise, a flight.
-    all_equal([Run(counts[:1300], name=name) for name, counts in make.samples().items()])
+    all_equal([Run(counts[:1300], name=name) for name, counts in WALKS.items()])
 
 
 def test_the_torture_set(all_equal: Compare) -> None:
@@ -166,7 +166,7 @@ def test_a_minute(which: int, all_equal: Compare) -> None:
 @pytest.mark.parametrize("engine", COPIES)
 def test_a_planted_difference_is_found(engine: str, plant: Plant) -> None:
     planted = plant("detector", "_NORM_MAX = const(8191)", FORCE_MAX)
-    counts = make.samples()["walk"][:300]
+    counts = WALKS["walk"][:300]
     (outcome,) = matrix.run(counts, PARAMS, [engine], core=planted)
     if outcome.skipped:
         pytest.skip(outcome.skipped)
@@ -188,7 +188,7 @@ def test_a_planted_difference_is_found(engine: str, plant: Plant) -> None:
 @pytest.mark.parametrize("engine", COPIES)
 def test_a_difference_in_a_later_run_is_named(engine: str, plant: Plant) -> None:
     planted = plant("strapdown", "_VEL_MAX = const(419430400)", 100)
-    walk = make.samples()["walk"][:300]
+    walk = WALKS["walk"][:300]
     runs = [Run(np.zeros((5, 6), np.int16), name="dead"), Run(walk, name="walk")]
     with Matrix([engine], planted) as one:
         (outcome,) = one.compare(runs, PARAMS)
@@ -240,7 +240,7 @@ def test_what_is_not_here_is_skipped_with_its_reason(monkeypatch: pytest.MonkeyP
 
 def test_progress_reaches_all_ticks_of_all_engines() -> None:
     seen: list[int] = []
-    counts = make.samples()["walk"][:250]
+    counts = WALKS["walk"][:250]
     matrix.run(counts, PARAMS, ["pure", "fast"], progress=seen.append)
     assert seen == sorted(seen) and seen[-1] == 500
 

@@ -8,16 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from golden import make
 
 from solenav import datasets, mpu9150, parameters
 from solenav.engines.source import core_path
 from solenav.errors import SolenavError
+from solenav.sim import torture
 from solenav_tools import micropython32
 from solenav_tools.micropython import find_micropython
 from solenav_tools.micropython_engine import ARCHITECTURES, first_difference, heap, stage
 
 PARAMS = parameters.to_integers(parameters.Settings(), 200.0)
+WALKS = {case.name: case.counts for case in torture.walks()}
 
 on_32_bits = pytest.mark.parametrize("mode", ["viper", *ARCHITECTURES])
 Staged = Callable[[str], Path]
@@ -63,11 +64,10 @@ def planted(tmp_path: Path) -> Path:
 
 
 def test_bytecode_on_64_bits_equals_fast(micropython64: list[str], staged: Staged) -> None:
-    runs = make.samples()
     parts = {
-        "static start, strides and stances": runs["walk"][:900],
-        "full-scale noise": runs["restless"][:800],
-        "full scale for seconds": runs["flight"][:500],
+        "static start, strides and stances": WALKS["walk"][:900],
+        "full-scale noise": WALKS["restless"][:800],
+        "full scale for seconds": WALKS["flight"][:500],
     }
     for name, counts in parts.items():
         assert first_difference(micropython64, staged("bytecode"), counts, PARAMS) == "", name
@@ -77,7 +77,7 @@ def test_bytecode_on_64_bits_equals_fast(micropython64: list[str], staged: Stage
 def test_viper_on_32_bits_equals_fast(
     mode: str, micropython32_command: list[str], staged: Staged
 ) -> None:
-    for name, counts in make.samples().items():
+    for name, counts in WALKS.items():
         assert first_difference(micropython32_command, staged(mode), counts, PARAMS) == "", name
 
 
@@ -98,7 +98,7 @@ def test_a_planted_difference_is_found_in_bytecode(
     micropython64: list[str], planted: Path, tmp_path: Path
 ) -> None:
     stage(tmp_path, "bytecode", planted)
-    found = first_difference(micropython64, tmp_path, make.samples()["walk"][:300], PARAMS)
+    found = first_difference(micropython64, tmp_path, WALKS["walk"][:300], PARAMS)
     assert "particles X[" in found
 
 
@@ -107,7 +107,7 @@ def test_a_planted_difference_is_found_on_32_bits(
     mode: str, micropython32_command: list[str], planted: Path, tmp_path: Path
 ) -> None:
     stage(tmp_path, mode, planted)
-    found = first_difference(micropython32_command, tmp_path, make.samples()["walk"][:300], PARAMS)
+    found = first_difference(micropython32_command, tmp_path, WALKS["walk"][:300], PARAMS)
     assert "particles X[" in found
 
 
@@ -130,7 +130,7 @@ def test_what_mpy_cross_refuses_is_said(planted: Path, tmp_path: Path) -> None:
 
 def test_a_tick_allocates_nothing(micropython32_command: list[str], staged: Staged) -> None:
     """On 32 bits an int past 2**30 that passes between kernels is an object."""
-    counts = make.samples()["walk"][:900]
+    counts = WALKS["walk"][:900]
     found = heap(micropython32_command, staged("viper"), counts, PARAMS)
     assert len(found) == len(counts)
     assert set(found) == {0}

@@ -2,7 +2,7 @@
 
 East and North velocity errors grow with the tilt about the other axis (gamma = g dt); Up has no
 such coupling. The tilt of set E is the one about North, of set N the one about minus East, so
-that both couple with the same sign.
+that both couple with the same sign. Products are written out in halves, as in `strapdown`.
 """
 
 from solenav_core.compat import const, micropython, ptr32
@@ -29,22 +29,46 @@ _P_Q_TT = const(23)
 def grow(s: ptr32, p: ptr32) -> int:
     """One sample period without observation. Every value is limited, none wraps."""
     dt = p[_P_DT]
+    dtl = dt & 32767
+    dt = dt >> 15
     gamma = p[_P_GAMMA]
+    gammal = gamma & 32767
+    gamma = gamma >> 15
     i = 0
     while i < 3:
         p_vv = s[_S_P_VV + i]
+        low = p_vv & 32767
+        high = p_vv >> 15
+        mid = dt * low + dtl * high + ((dtl * low) >> 15)
+        d_pv = (dt * high + (mid >> 15) + 2) >> 2
         p_pv = s[_S_P_PV + i]
-        d_pv = int(mulshift(dt, p_vv, 32))
-        d_pp = int(mulshift(dt, d_pv, 30)) + int(mulshift(dt, p_pv, 29))
+        low = p_pv & 32767
+        high = p_pv >> 15
+        mid = dt * low + dtl * high + ((dtl * low) >> 15) + 8192
+        d_pp = ((dt * high) << 1) + (mid >> 14)
+        low = d_pv & 32767
+        high = d_pv >> 15
+        mid = dt * low + dtl * high + ((dtl * low) >> 15) + 16384
+        d_pp = d_pp + dt * high + (mid >> 15)
         if i < 2:
             p_vt = s[_S_P_VT + i]
-            p_tt = s[_S_P_TT + i]
-            p_pt = int(clamp(s[_S_P_PT + i] + int(mulshift(dt, p_vt, 30)), _LIMIT))
-            d_pv = d_pv + int(mulshift(gamma, p_pt, 34))
-            d_vv = int(mulshift(gamma, p_vt, 31)) + int(mulshift(p[_P_GAMMA2], p_tt, 34))
-            d_vv = d_vv + p[_P_Q_VV_H]
+            low = p_vt & 32767
+            high = p_vt >> 15
+            mid = dt * low + dtl * high + ((dtl * low) >> 15) + 16384
+            p_pt = int(clamp(s[_S_P_PT + i] + dt * high + (mid >> 15), _LIMIT))
             s[_S_P_PT + i] = p_pt
-            s[_S_P_VT + i] = int(clamp(p_vt + int(mulshift(gamma, p_tt, 32)), _LIMIT))
+            mid = gamma * low + gammal * high + ((gammal * low) >> 15)
+            d_vv = (gamma * high + (mid >> 15) + 1) >> 1
+            low = p_pt & 32767
+            high = p_pt >> 15
+            mid = gamma * low + gammal * high + ((gammal * low) >> 15)
+            d_pv = d_pv + ((gamma * high + (mid >> 15) + 8) >> 4)
+            p_tt = s[_S_P_TT + i]
+            low = p_tt & 32767
+            high = p_tt >> 15
+            mid = gamma * low + gammal * high + ((gammal * low) >> 15)
+            s[_S_P_VT + i] = int(clamp(p_vt + ((gamma * high + (mid >> 15) + 2) >> 2), _LIMIT))
+            d_vv = d_vv + int(mulshift(p[_P_GAMMA2], p_tt, 34)) + p[_P_Q_VV_H]
             s[_S_P_TT + i] = int(clamp(p_tt + p[_P_Q_TT], _LIMIT))
         else:
             d_vv = p[_P_Q_VV_U]
@@ -66,18 +90,37 @@ def shrink(s: ptr32, i: int, rho: int, k_p: int, k_t: int) -> int:
     k_p Q20 s and k_t Q24 rad s/m are the gains that the feedback used.
     """
     taken = _LIMIT - rho
-    seen = int(mulshift(s[_S_P_PV + i], taken, 30))
-    s[_S_P_PP + i] = int(clamp(s[_S_P_PP + i] - int(mulsat(k_p, seen, 20)), _LIMIT))
-    if s[_S_P_PP + i] < 0:
-        s[_S_P_PP + i] = 0
-    s[_S_P_PV + i] = int(mulshift(s[_S_P_PV + i], rho, 30))
-    s[_S_P_VV + i] = int(mulshift(s[_S_P_VV + i], rho, 30))
+    takenl = taken & 32767
+    taken = taken >> 15
+    rhol = rho & 32767
+    rho = rho >> 15
+    low = s[_S_P_PV + i]
+    high = low >> 15
+    low = low & 32767
+    mid = high * takenl + low * taken + ((low * takenl) >> 15) + 16384
+    seen = high * taken + (mid >> 15)
+    mid = high * rhol + low * rho + ((low * rhol) >> 15) + 16384
+    s[_S_P_PV + i] = high * rho + (mid >> 15)
+    p_pp = int(clamp(s[_S_P_PP + i] - int(mulsat(k_p, seen, 20)), _LIMIT))
+    if p_pp < 0:
+        p_pp = 0
+    s[_S_P_PP + i] = p_pp
+    low = s[_S_P_VV + i]
+    high = low >> 15
+    low = low & 32767
+    mid = high * rhol + low * rho + ((low * rhol) >> 15) + 16384
+    s[_S_P_VV + i] = high * rho + (mid >> 15)
     if i < 2:
-        seen = int(mulshift(s[_S_P_VT + i], taken, 30))
+        low = s[_S_P_VT + i]
+        high = low >> 15
+        low = low & 32767
+        mid = high * takenl + low * taken + ((low * takenl) >> 15) + 16384
+        seen = high * taken + (mid >> 15)
+        mid = high * rhol + low * rho + ((low * rhol) >> 15) + 16384
+        s[_S_P_VT + i] = high * rho + (mid >> 15)
         p_tt = s[_S_P_TT + i] - int(mulsat(k_t, seen, 22))
         if p_tt < 0:
             p_tt = 0
         s[_S_P_TT + i] = int(clamp(p_tt, _LIMIT))
         s[_S_P_PT + i] = int(clamp(s[_S_P_PT + i] - int(mulsat(k_p, seen, 20)), _LIMIT))
-        s[_S_P_VT + i] = int(mulshift(s[_S_P_VT + i], rho, 30))
     return 0

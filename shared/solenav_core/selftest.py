@@ -21,6 +21,15 @@ _AT = offsets(STATE_FIELDS)
 _RATE = offsets(WORK_FIELDS)["RATE"]
 _WORK = offsets(WORK_FIELDS)
 _ROUNDS = 6
+_TOP = 0x3FFFFFFF  # where counters stop
+_COUNTERS = (
+    "STILL_TICKS",
+    "SWING_TICKS",
+    "SINCE_CONSISTENT",
+    "STANCE_TICKS",
+    "STEPS",
+    "DISTANCE",
+)
 _FLAT = (0, 0, 2048, 0, 0, 0)
 _MOUNTINGS = ((10, -20, -2047), (2047, 5, 9), (-1200, 1300, -990), (6, -2046, 30), (0, 0, 900))
 
@@ -79,6 +88,10 @@ def _div(b):
             den = abs(b.number(30)) + 1
             b.result(qmath.div(b.number(30) % den, den, n))
             b.result(qmath.div(0 - b.number(30) % den, den, n))
+    for _ in range(4):
+        # Divisors of 31 bits.
+        den = _TOP + abs(b.number(29))
+        b.result(qmath.div(b.number(30), den, 29))
     b.result(qmath.div(5, 0, 8))
 
 
@@ -137,8 +150,10 @@ def _full_speed(b):
     b.s[_AT["ATT"]] = 0x3FFFFFFF
     for i in range(1, 4):
         b.s[_AT["ATT"] + i] = 0
-    b.result(strapdown.propagate(b.s, b.p, b.w, b.m))
-    b.arrays()
+    for count in (0, _TOP):
+        b.s[_AT["SATURATED"]] = count
+        b.result(strapdown.propagate(b.s, b.p, b.w, b.m))
+        b.arrays()
 
 
 def _push(b):
@@ -189,11 +204,18 @@ def _shrink(b):
         b.arrays()
 
 
+def _level(b):
+    """Gravity from every side, over an attitude that was another."""
+    for x, y, z in _MOUNTINGS:
+        for i in range(4):
+            b.s[_AT["ATT"] + i] = b.number(30)
+        b.result(align.level(b.s, b.w, x * 5000, y * 5000, z * 5000))
+        b.arrays()
+
+
 def _align(b):
     navigator.reset(b.s)
-    params = array("i", b.p)
-    params[NAMES.index("ALIGN_TICKS")] = 12
-    params[NAMES.index("ALIGN_MIN")] = 4
+    params = _params(b, ALIGN_TICKS=12, ALIGN_MIN=4, SEED=0x1234567)
     for turn in range(3):
         for _ in range(7):
             b.sample(3)
@@ -205,6 +227,8 @@ def _align(b):
     for x, y, z in _MOUNTINGS:
         navigator.reset(b.s)
         b.s[_AT["CELL"]] = 7
+        for i in range(3):
+            b.s[_AT["STEP_VAR"] + i] = 7
         for _ in range(13):
             b.sample(3)
             b.m[0] = x
@@ -245,6 +269,7 @@ def _ratio(b):
     for _ in range(24):
         b.result(particles.ratio(b.number(30), abs(b.number(30)), 3, 0x2000000))
         b.result(particles.ratio(b.number(20), abs(b.number(30)), 4, 0x4000000))
+        b.result(particles.ratio(b.number(30), abs(b.number(30)), 3, _TOP))
 
 
 def _feed_back(b):
@@ -264,6 +289,46 @@ def _feed_back(b):
             b.w[_WORK["SCALE"] + a] = scale
         b.result(particles.feed_back(b.s, b.p, b.w, i & 1))
         b.arrays()
+
+
+def _observe(b):
+    """Velocities and clouds from far too large to quiet, on every scale of the likelihood."""
+    for v, p_vv, bits in (
+        (0x7FFF000, _TOP, 20),
+        (-0x7000000, 0x4000000, 20),
+        (-0x7FFF000, _TOP, 13),
+        (-0x30000, 0x40000, 12),
+        (0x900000, 0x1000, 8),
+    ):
+        for a in range(3):
+            b.s[_AT["VEL"] + a] = (v >> a) * (1 - 2 * (a & 1))
+            b.s[_AT["P_VV"] + a] = p_vv
+            b.s[_AT["REACH"] + a] = 1 << (bits + a)
+            for i in range(0, 100, 9):
+                b.w[_WORK["PROPOSAL"] + 100 * a + i] = b.number(bits + a)
+        b.result(particles.observe(b.s, b.p, b.w))
+        b.result(particles.likelihood(0, 0, 0, b.s, b.w))
+        b.arrays()
+
+
+def _adapt(b):
+    """The threshold from its least to its largest, then clouds within and beyond 16 sigma."""
+    for since, m2 in ((10, 4096), (1000, 4096), (10, 0)):
+        for t in (0, 3, 40, 1022, 1023):
+            b.s[_AT["SINCE_CONSISTENT"]] = since
+            b.s[_AT["M2"]] = m2
+            b.s[_AT["INCONSISTENT"]] = t
+            b.s[_AT["N_EFF"]] = 25600 >> (t & 3)
+            b.result(particles.adapt(b.s, b.p))
+            b.arrays()
+    for a in range(3):
+        b.s[_AT["P_VV"] + a] = 100
+        b.s[_AT["REACH"] + a] = 9 << 7
+    b.result(particles.scattered(b.s))
+    for a in range(3):
+        b.s[_AT["REACH"] + a] = 11 << 7
+        b.result(particles.scattered(b.s))
+        b.s[_AT["REACH"] + a] = 9 << 7
 
 
 def _spread(b):
@@ -290,22 +355,26 @@ def _spread(b):
 
 
 def _particles(b):
-    """A stance whose velocity starts small, jumps, and ends in a lock-out."""
+    """A stance whose velocity starts small, jumps, and ends in lock-outs, the last uncounted."""
     _stand(b)
     for i in range(14):
         if i == 3 or i == 9:
             for a in range(3):
                 b.s[_AT["VEL"] + a] = b.number(20 + i)
-        if i == 12:
+        if i >= 12:
             b.s[_AT["SINCE_CONSISTENT"]] = 1000
             b.s[_AT["INCONSISTENT"]] = 30
             b.s[_AT["VEL"]] = 0x3000000
+            b.s[_AT["P_TT"] + 1] = (5, 0x2000000)[i - 12]
+        if i == 13:
+            b.s[_AT["LOCKOUTS"]] = b.s[_AT["RESAMPLED"]] = _TOP
         b.result(covariance.grow(b.s, b.p))
         b.result(particles.update(b.s, b.p, b.w, b.t, int(i == 0)))
         b.arrays()
 
 
 def _steps(b):
+    _stand(b)
     for stride in (300000, -12_000_000, 40_000_000):
         b.s[_AT["POS"]] = b.s[_AT["POS"]] + stride
         b.s[_AT["POS"] + 1] = b.s[_AT["POS"] + 1] - 150000
@@ -321,17 +390,28 @@ def _steps(b):
 
 
 def _tick(b):
-    """A short run of the whole: static start, standing, a kick, standing."""
+    """A short run of the whole: static start, two steps; then months later, with counters full."""
     navigator.reset(b.s)
-    params = array("i", b.p)
-    params[NAMES.index("ALIGN_TICKS")] = 10
-    params[NAMES.index("ALIGN_MIN")] = 10
-    params[NAMES.index("STILL_TICKS")] = 3
-    for count, bits in ((24, 2), (8, 14), (16, 2)):
-        for _ in range(count):
-            b.sample(bits)
+    params = _params(
+        b, ALIGN_TICKS=10, ALIGN_MIN=10, STILL_TICKS=3, STEP_SWING=4, STEP_STANCE=3, WINDOW=4
+    )
+    for i in range(9):
+        for _ in range((20, 6, 9, 6, 9, 6, 9, 6, 9)[i]):
+            b.sample((2, 14)[i & 1])
             b.result(navigator.tick(b.s, params, b.w, b.t, b.m))
         b.arrays()
+        if i == 4:
+            for name in _COUNTERS:
+                b.s[_AT[name]] = _TOP - 1
+            b.s[_AT["TICK"]] = (127 << 24) - 1
+
+
+def _params(b, **changes):
+    """The default parameters but for some."""
+    params = array("i", b.p)
+    for name, value in changes.items():
+        params[NAMES.index(name)] = value
+    return params
 
 
 def _covariances(b, names, bits, signed):
@@ -376,10 +456,13 @@ TESTS = (
     ("grow", _grow),
     ("shrink", _shrink),
     ("head", _head),
+    ("level", _level),
     ("align", _align),
     ("roots", _roots),
     ("ratio", _ratio),
     ("feed_back", _feed_back),
+    ("observe", _observe),
+    ("adapt", _adapt),
     ("weigh", _spread),
     ("update", _particles),
     ("stood", _steps),

@@ -3,6 +3,10 @@
 Navigation frame ENU, body frame right-front-up, attitude quaternion body to ENU. Method:
 third- and fourth-order series of the rotation vector, specific force turned to the middle of
 the interval, trapezoidal position (docs/algorithm.md, step 1).
+
+Where no factor passes 2**30 by more than a rounding, products are written out in halves of 15
+bits, the low ones with an l at the end of their name, `mid` for what low halves take part in:
+those of `mulshift` to the last bit, at half its cost.
 """
 
 from solenav_core.compat import const, micropython, ptr32
@@ -35,9 +39,8 @@ _I_GYRO = const(3)
 def compose(s: ptr32, bw: int, bx: int, by: int, bz: int, left: int) -> int:
     """Attitude times b (left = 0) or b times attitude (left = 1), renormalised. b in Q30.
 
-    Sums of products of halves, 15 bits each: as both factors are units no sum of two passes
-    2**31 (Cauchy-Schwarz). One Newton step of the inverse root, (3 - |q|²) / 2, keeps the
-    length; it needs |q| near 1.
+    As both factors are units no sum of two products of halves passes 2**31 (Cauchy-Schwarz).
+    One Newton step of the inverse root, (3 - |q|²) / 2, keeps the length; it needs |q| near 1.
     """
     aw = s[_S_ATT]
     ax = s[_S_ATT + 1]
@@ -93,13 +96,37 @@ def compose(s: ptr32, bw: int, bx: int, by: int, bz: int, left: int) -> int:
     z = z + ((ax * byl - ay * bxl) >> 15)
     z = z + ((awl * bz + azl * bw) >> 15)
     z = z + ((axl * by - ayl * bx) >> 15)
-    norm2 = int(mulshift(w, w, 30)) + int(mulshift(x, x, 30))
-    norm2 = norm2 + int(mulshift(y, y, 30)) + int(mulshift(z, z, 30))
+    s[_S_ATT] = w
+    wl = w & 32767
+    w = w >> 15
+    mid = ((w * wl) << 1) + ((wl * wl) >> 15) + 16384
+    norm2 = w * w + (mid >> 15)
+    s[_S_ATT + 1] = x
+    xl = x & 32767
+    x = x >> 15
+    mid = ((x * xl) << 1) + ((xl * xl) >> 15) + 16384
+    norm2 = norm2 + x * x + (mid >> 15)
+    s[_S_ATT + 2] = y
+    yl = y & 32767
+    y = y >> 15
+    mid = ((y * yl) << 1) + ((yl * yl) >> 15) + 16384
+    norm2 = norm2 + y * y + (mid >> 15)
+    s[_S_ATT + 3] = z
+    zl = z & 32767
+    z = z >> 15
+    mid = ((z * zl) << 1) + ((zl * zl) >> 15) + 16384
+    norm2 = norm2 + z * z + (mid >> 15)
     half = (_ONE - norm2) >> 1
-    s[_S_ATT] = w + int(mulshift(w, half, 30))
-    s[_S_ATT + 1] = x + int(mulshift(x, half, 30))
-    s[_S_ATT + 2] = y + int(mulshift(y, half, 30))
-    s[_S_ATT + 3] = z + int(mulshift(z, half, 30))
+    halfl = half & 32767
+    half = half >> 15
+    mid = w * halfl + wl * half + ((wl * halfl) >> 15) + 16384
+    s[_S_ATT] = s[_S_ATT] + w * half + (mid >> 15)
+    mid = x * halfl + xl * half + ((xl * halfl) >> 15) + 16384
+    s[_S_ATT + 1] = s[_S_ATT + 1] + x * half + (mid >> 15)
+    mid = y * halfl + yl * half + ((yl * halfl) >> 15) + 16384
+    s[_S_ATT + 2] = s[_S_ATT + 2] + y * half + (mid >> 15)
+    mid = z * halfl + zl * half + ((zl * halfl) >> 15) + 16384
+    s[_S_ATT + 3] = s[_S_ATT + 3] + z * half + (mid >> 15)
     return 0
 
 
@@ -109,32 +136,105 @@ def turn(s: ptr32, hx: int, hy: int, hz: int, left: int) -> int:
 
     left = 0: h is in body axes; left = 1: in ENU.
     """
-    h2 = int(mulshift(hx, hx, 30)) + int(mulshift(hy, hy, 30)) + int(mulshift(hz, hz, 30))
-    h4 = int(mulshift(h2, h2, 30))
-    cosine = _ONE - (h2 >> 1) + h4 // 24
-    sinc = _ONE - h2 // 6 + h4 // 120
-    x = int(mulshift(hx, sinc, 30))
-    y = int(mulshift(hy, sinc, 30))
-    z = int(mulshift(hz, sinc, 30))
+    hxl = hx & 32767
+    hx = hx >> 15
+    mid = ((hx * hxl) << 1) + ((hxl * hxl) >> 15) + 16384
+    h2 = hx * hx + (mid >> 15)
+    hyl = hy & 32767
+    hy = hy >> 15
+    mid = ((hy * hyl) << 1) + ((hyl * hyl) >> 15) + 16384
+    h2 = h2 + hy * hy + (mid >> 15)
+    hzl = hz & 32767
+    hz = hz >> 15
+    mid = ((hz * hzl) << 1) + ((hzl * hzl) >> 15) + 16384
+    h2 = h2 + hz * hz + (mid >> 15)
+    cosine = _ONE - (h2 >> 1)
+    sinc = _ONE - h2 // 6
+    if h2 >= 131072:
+        # Of a smaller h the fourth power comes to nothing.
+        h4 = int(mulshift(h2, h2, 30))
+        cosine = cosine + h4 // 24
+        sinc = sinc + h4 // 120
+    sincl = sinc & 32767
+    sinc = sinc >> 15
+    mid = hx * sincl + hxl * sinc + ((hxl * sincl) >> 15) + 16384
+    x = hx * sinc + (mid >> 15)
+    mid = hy * sincl + hyl * sinc + ((hyl * sincl) >> 15) + 16384
+    y = hy * sinc + (mid >> 15)
+    mid = hz * sincl + hzl * sinc + ((hzl * sincl) >> 15) + 16384
+    z = hz * sinc + (mid >> 15)
     return int(compose(s, cosine, x, y, z, left))
 
 
 @micropython.viper
 def to_nav(s: ptr32, w: ptr32, x: int, y: int, z: int) -> int:
-    """Turn a body vector into ENU, into work NAV: v + 2 qw (q x v) + 2 q x (q x v)."""
+    """Turn a body vector into ENU, into work NAV: v + 2 qw (q x v) + 2 q x (q x v).
+
+    Twice the vector's length must stay within 2**30, give or take a rounding.
+    """
     qw = s[_S_ATT]
+    qwl = qw & 32767
+    qw = qw >> 15
     qx = s[_S_ATT + 1]
+    qxl = qx & 32767
+    qx = qx >> 15
     qy = s[_S_ATT + 2]
+    qyl = qy & 32767
+    qy = qy >> 15
     qz = s[_S_ATT + 3]
-    tx = (int(mulshift(qy, z, 30)) - int(mulshift(qz, y, 30))) << 1
-    ty = (int(mulshift(qz, x, 30)) - int(mulshift(qx, z, 30))) << 1
-    tz = (int(mulshift(qx, y, 30)) - int(mulshift(qy, x, 30))) << 1
-    ux = int(mulshift(qy, tz, 30)) - int(mulshift(qz, ty, 30))
-    uy = int(mulshift(qz, tx, 30)) - int(mulshift(qx, tz, 30))
-    uz = int(mulshift(qx, ty, 30)) - int(mulshift(qy, tx, 30))
-    w[_W_NAV] = x + int(mulshift(qw, tx, 30)) + ux
-    w[_W_NAV + 1] = y + int(mulshift(qw, ty, 30)) + uy
-    w[_W_NAV + 2] = z + int(mulshift(qw, tz, 30)) + uz
+    qzl = qz & 32767
+    qz = qz >> 15
+    w[_W_NAV] = x
+    w[_W_NAV + 1] = y
+    w[_W_NAV + 2] = z
+    xl = x & 32767
+    x = x >> 15
+    yl = y & 32767
+    y = y >> 15
+    zl = z & 32767
+    z = z >> 15
+    mid = qy * zl + qyl * z + ((qyl * zl) >> 15) + 16384
+    tx = qy * z + (mid >> 15)
+    mid = qz * yl + qzl * y + ((qzl * yl) >> 15) + 16384
+    tx = tx - qz * y - (mid >> 15)
+    mid = qz * xl + qzl * x + ((qzl * xl) >> 15) + 16384
+    ty = qz * x + (mid >> 15)
+    mid = qx * zl + qxl * z + ((qxl * zl) >> 15) + 16384
+    ty = ty - qx * z - (mid >> 15)
+    mid = qx * yl + qxl * y + ((qxl * yl) >> 15) + 16384
+    tz = qx * y + (mid >> 15)
+    mid = qy * xl + qyl * x + ((qyl * xl) >> 15) + 16384
+    tz = tz - qy * x - (mid >> 15)
+    tx = tx << 1
+    txl = tx & 32767
+    tx = tx >> 15
+    ty = ty << 1
+    tyl = ty & 32767
+    ty = ty >> 15
+    tz = tz << 1
+    tzl = tz & 32767
+    tz = tz >> 15
+    mid = qw * txl + qwl * tx + ((qwl * txl) >> 15) + 16384
+    x = w[_W_NAV] + qw * tx + (mid >> 15)
+    mid = qy * tzl + qyl * tz + ((qyl * tzl) >> 15) + 16384
+    x = x + qy * tz + (mid >> 15)
+    mid = qz * tyl + qzl * ty + ((qzl * tyl) >> 15) + 16384
+    x = x - qz * ty - (mid >> 15)
+    w[_W_NAV] = x
+    mid = qw * tyl + qwl * ty + ((qwl * tyl) >> 15) + 16384
+    y = w[_W_NAV + 1] + qw * ty + (mid >> 15)
+    mid = qz * txl + qzl * tx + ((qzl * txl) >> 15) + 16384
+    y = y + qz * tx + (mid >> 15)
+    mid = qx * tzl + qxl * tz + ((qxl * tzl) >> 15) + 16384
+    y = y - qx * tz - (mid >> 15)
+    w[_W_NAV + 1] = y
+    mid = qw * tzl + qwl * tz + ((qwl * tzl) >> 15) + 16384
+    z = w[_W_NAV + 2] + qw * tz + (mid >> 15)
+    mid = qx * tyl + qxl * ty + ((qxl * tyl) >> 15) + 16384
+    z = z + qx * ty + (mid >> 15)
+    mid = qy * txl + qyl * tx + ((qyl * txl) >> 15) + 16384
+    z = z - qy * tx - (mid >> 15)
+    w[_W_NAV + 2] = z
     return 0
 
 
@@ -156,13 +256,48 @@ def propagate(s: ptr32, p: ptr32, w: ptr32, m: ptr32) -> int:
     ay = (m[_I_ACC + 1] * scale + 2) >> 2
     az = (m[_I_ACC + 2] * scale + 2) >> 2
     scale = p[_P_HALF_ANGLE]
-    hx = int(mulshift(w[_W_RATE], scale, 20))
-    hy = int(mulshift(w[_W_RATE + 1], scale, 20))
-    hz = int(mulshift(w[_W_RATE + 2], scale, 20))
+    scalel = scale & 32767
+    scale = scale >> 15
+    rate = w[_W_RATE]
+    ratel = rate & 32767
+    rate = rate >> 15
+    mid = rate * scalel + ratel * scale + ((ratel * scalel) >> 15) + 16
+    hx = ((rate * scale) << 10) + (mid >> 5)
+    rate = w[_W_RATE + 1]
+    ratel = rate & 32767
+    rate = rate >> 15
+    mid = rate * scalel + ratel * scale + ((ratel * scalel) >> 15) + 16
+    hy = ((rate * scale) << 10) + (mid >> 5)
+    rate = w[_W_RATE + 2]
+    ratel = rate & 32767
+    rate = rate >> 15
+    mid = rate * scalel + ratel * scale + ((ratel * scalel) >> 15) + 16
+    hz = ((rate * scale) << 10) + (mid >> 5)
     # h x a turns the force from the interval's start to its middle.
-    fx = ax + int(mulshift(hy, az, 30)) - int(mulshift(hz, ay, 30))
-    fy = ay + int(mulshift(hz, ax, 30)) - int(mulshift(hx, az, 30))
-    fz = az + int(mulshift(hx, ay, 30)) - int(mulshift(hy, ax, 30))
+    hxl = hx & 32767
+    hxh = hx >> 15
+    hyl = hy & 32767
+    hyh = hy >> 15
+    hzl = hz & 32767
+    hzh = hz >> 15
+    axl = ax & 32767
+    axh = ax >> 15
+    ayl = ay & 32767
+    ayh = ay >> 15
+    azl = az & 32767
+    azh = az >> 15
+    mid = hyh * azl + hyl * azh + ((hyl * azl) >> 15) + 16384
+    fx = ax + hyh * azh + (mid >> 15)
+    mid = hzh * ayl + hzl * ayh + ((hzl * ayl) >> 15) + 16384
+    fx = fx - hzh * ayh - (mid >> 15)
+    mid = hzh * axl + hzl * axh + ((hzl * axl) >> 15) + 16384
+    fy = ay + hzh * axh + (mid >> 15)
+    mid = hxh * azl + hxl * azh + ((hxl * azl) >> 15) + 16384
+    fy = fy - hxh * azh - (mid >> 15)
+    mid = hxh * ayl + hxl * ayh + ((hxl * ayl) >> 15) + 16384
+    fz = az + hxh * ayh + (mid >> 15)
+    mid = hyh * axl + hyl * axh + ((hyl * axl) >> 15) + 16384
+    fz = fz - hyh * axh - (mid >> 15)
     int(to_nav(s, w, fx, fy, fz))
     int(turn(s, hx, hy, hz, 0))
     w[_W_NAV + 2] = w[_W_NAV + 2] - s[_S_GRAVITY]

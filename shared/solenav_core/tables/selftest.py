@@ -3,27 +3,30 @@
 EXPECTED = (
     2279644532,  # mulshift
     4097084411,  # mulsat
-    1767760620,  # div
-    2298712170,  # isqrt
-    2073671718,  # clamp
-    2072313140,  # azimuth
-    2806992484,  # turn
-    2441089057,  # to_nav
-    1113126313,  # propagate
-    13784218,  # recentre
-    2365730680,  # full speed
-    1456205779,  # push
-    2330029399,  # slower
-    4252131224,  # detect
-    4014090776,  # grow
-    473091461,  # shrink
-    3959881782,  # head
-    146179252,  # align
-    1154527657,  # roots
-    2236939688,  # ratio
-    4010941437,  # feed_back
-    2312226710,  # weigh
-    1517850605,  # update
-    1946910735,  # stood
-    920339255,  # tick
+    2549993320,  # div
+    1501789533,  # isqrt
+    3575841464,  # clamp
+    1056304096,  # azimuth
+    891481464,  # turn
+    2323705938,  # to_nav
+    3806240255,  # propagate
+    306377049,  # recentre
+    2987805792,  # full speed
+    3211261750,  # push
+    4292077777,  # slower
+    2219607304,  # detect
+    1962009549,  # grow
+    67519090,  # shrink
+    4242240851,  # head
+    647951721,  # level
+    1965668173,  # align
+    2539744769,  # roots
+    2636240702,  # ratio
+    154492969,  # feed_back
+    4166581573,  # observe
+    215055410,  # adapt
+    3820317041,  # weigh
+    3242170267,  # update
+    3616576198,  # stood
+    2008249499,  # tick
 )
