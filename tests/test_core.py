@@ -1,20 +1,19 @@
-"""What the core does: static start, stance, steps, recovery; likeness to the float oracle."""
+"""What the core does: static start, stance, unrest, steps, recovery."""
 
 from __future__ import annotations
 
 import math
-from pathlib import Path
+from array import array
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from oracle import apf_float
 
-from solenav import datasets, engines, mpu9150, parameters
+from solenav import engines, mpu9150, parameters
 from solenav.sim.scenario import simulate
-from solenav_core import layout, navigator, particles, strapdown
+from solenav_core import detector, layout, navigator, particles, strapdown
 from solenav_tools.live import heading_deg
 
 AT = layout.offsets(layout.STATE_FIELDS)
@@ -168,8 +167,9 @@ def test_every_stride_is_a_step_and_the_walk_is_found(rate: float) -> None:
     assert np.linalg.norm(words(engine, "POS", 18) - truth.position_enu[-1]) < 0.02 * 68.6
 
 
-def test_stance_is_found_where_the_foot_stands() -> None:
-    recording = simulate("line35", seed=4)
+@pytest.mark.parametrize("scenario", ["line35", "loop"])
+def test_stance_is_found_where_the_foot_stands(scenario: str) -> None:
+    recording = simulate(scenario, seed=4)
     truth = recording.truth
     assert truth is not None and truth.stance is not None
     counts = mpu9150.to_counts(recording.accel, recording.gyro).counts
@@ -180,7 +180,45 @@ def test_stance_is_found_where_the_foot_stands() -> None:
         found[row] = engine.state[AT["STANCE"]] == 1
     # The window of C3 delays the start of each stance by 50 ms.
     assert np.mean(found[truth.stance]) > 0.9
-    assert np.mean(found[~truth.stance]) < 0.1
+    # The detector is wide, so that runners have stances: a slow foot's lift-off passes, and
+    # unrest says how little it is worth.
+    assert np.mean(found[~truth.stance]) < 0.15
+
+
+def test_unrest_is_small_where_a_foot_stands_and_large_where_it_turns() -> None:
+    """A rate of 3 °/s, or 0.35 m/s² away from g, is an unrest of 1 over the stillest, T = 1."""
+    engine = start()
+    engine.advance(still(300))
+    for counts, expected in (
+        ((0, 0, 2048, 0, 0, 0), 0.0),
+        ((0, 0, 2048, 0, 0, round(3 * mpu9150.GYRO_LSB_PER_DPS)), 1.0),
+        ((0, 0, 2048, 0, round(30 * mpu9150.GYRO_LSB_PER_DPS), 0), 100.0),
+        ((0, 0, 2048 + round(0.35 / mpu9150.ACCEL_MPS2_PER_LSB), 0, 0, 0), 1.0),
+    ):
+        assert unrest(engine, counts) == pytest.approx(expected, rel=0.15, abs=0.05)
+
+
+def test_the_least_unrest_of_late_is_the_measure_for_a_foot_that_is_never_still() -> None:
+    """After a second at 30 °/s such a rate is the best there is: unrest comes down to 1."""
+    engine = start()
+    engine.advance(still(300))
+    rocking = np.tile(
+        np.array([0, 0, 2048, 0, round(30 * mpu9150.GYRO_LSB_PER_DPS), 0], np.int16), (1000, 1)
+    )
+    engine.advance(rocking[:20])
+    assert unrest(engine, tuple(rocking[0])) > 50
+    engine.advance(rocking)
+    assert unrest(engine, tuple(rocking[0])) == pytest.approx(1.0, rel=0.02)
+
+
+def unrest(engine: engines.Engine, counts: tuple[int, ...]) -> float:
+    """u of a sample after what the engine has seen; the engine stays as it was."""
+    state, work, sample = array("i", engine.state), navigator.new_work(), navigator.new_sample()
+    sample[:] = array("i", [int(value) for value in counts])
+    detector.push(state, engine.params, sample)
+    strapdown.correct_rate(state, work, sample)
+    detector.unrest(state, engine.params, work)
+    return work[layout.offsets(layout.WORK_FIELDS)["UNREST"]] / 2**8
 
 
 def test_heading_errors_turn_the_track_by_as_much() -> None:
@@ -230,41 +268,9 @@ def test_the_random_numbers_are_xorshift32() -> None:
     x = 2463534242
     state[AT["RNG"]], state[AT["RNG"] + 1] = x >> 16, x & 65535
     for _ in range(1000):
-        row = particles.draw_row(state)
+        particles.stir(state)
         x ^= (x << 13) & 0xFFFFFFFF
         x ^= x >> 17
         x ^= (x << 5) & 0xFFFFFFFF
         assert (state[AT["RNG"]] << 16) + state[AT["RNG"] + 1] == x
-        assert row == ((x & 65535) * 100) >> 16
-
-
-# Likeness to the float oracle
-
-
-def compare_with_oracle(accel: FloatArray, gyro: FloatArray, rate_hz: float) -> tuple[float, float]:
-    """(largest distance in the plane between core and oracle once both navigate, path length)."""
-    counts = mpu9150.to_counts(accel, gyro).counts
-    seen = mpu9150.from_counts(counts)
-    oracle = apf_float.run(*seen, rate_hz)
-    engine = start(rate_hz)
-    track = np.zeros((len(counts), 3))
-    for row in range(len(counts)):
-        engine.advance(counts, row, row + 1)
-        track[row] = words(engine, "POS", 18)
-    apart = np.hypot(*(track - oracle.position_enu)[oracle.aligned_at + 1 :, :2].T)
-    return float(apart.max()), float(words(engine, "DISTANCE", 10)[0])
-
-
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_integers_follow_the_float_oracle_on_a_simulated_loop(seed: int) -> None:
-    recording = simulate("loop", seed=seed)
-    apart, distance = compare_with_oracle(recording.accel, recording.gyro, recording.rate_hz)
-    assert apart < 0.002 * distance
-
-
-def test_integers_follow_the_float_oracle_on_real_walks(data: Path) -> None:
-    for path in sorted((data / "foot" / "openshoe").glob("*.txt"))[:2]:
-        r = datasets.read(path, "openshoe")
-        apart, distance = compare_with_oracle(r.accel, r.gyro, r.rate_hz)
-        # The particles' random numbers alone move a float run as much.
-        assert apart < 0.003 * distance, path.name
+        assert particles.row(state) == ((x & 65535) * 100) >> 16

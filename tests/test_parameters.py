@@ -32,7 +32,9 @@ def test_times_stay_the_same_at_every_rate(rate: float) -> None:
     settings = parameters.Settings()
     assert value(settings, rate, "ALIGN_TICKS") / rate == pytest.approx(1.0, rel=0.01)
     assert value(settings, rate, "DT") / 2**30 == pytest.approx(1 / rate, rel=1e-6)
-    assert value(settings, rate, "R") / 2**24 * 200 / rate == pytest.approx(0.01, rel=1e-3)
+    assert value(settings, rate, "R") / 2**24 * 200 / rate == pytest.approx(
+        settings.observation_noise, rel=1e-3
+    )
 
 
 @given(st.floats(-720.0, 720.0))

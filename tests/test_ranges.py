@@ -17,7 +17,7 @@ from hypothesis.strategies import SearchStrategy
 from solenav import parameters
 from solenav.engines import checked, ranges, source
 from solenav.sim import torture
-from solenav_core import layout, navigator
+from solenav_core import layout, navigator, params
 from solenav_core.tables.lookup import TABLES
 
 Words = dict[str, tuple[int, ...]]
@@ -280,6 +280,24 @@ def test_propagate(given: Words, counts: tuple[int, ...], rate: float) -> None:
     kernels["propagate"](bench.s, bench.p, bench.w, bench.m)
 
 
+@given(fields, samples, integers(0, 2**24), integers(0, 2**22), integers(0, 2**29))
+def test_unrest(
+    given: Words, counts: tuple[int, ...], of_rate: int, of_accel: int, growth: int
+) -> None:
+    """At any parameters within their limits."""
+    bench = Bench(given, 200.0)
+    bench.p = array("i", bench.p)
+    for name, value in (("RATE", of_rate), ("ACC", of_accel), ("GROWTH", growth)):
+        bench.p[params.NAMES.index(f"UNREST_{name}")] = value
+    bench.p[params.NAMES.index("ACC_SCALE")] = parameters.LIMITS["ACC_SCALE"][1]
+    bench.sample(counts)
+    kernels["push"](bench.s, bench.p, bench.m)
+    kernels["correct_rate"](bench.s, bench.w, bench.m)
+    kernels["unrest"](bench.s, bench.p, bench.w)
+    low, high = torture.LIMITS["STILLEST"]
+    assert low <= bench.s[layout.offsets(layout.STATE_FIELDS)["STILLEST"]] <= high
+
+
 @given(fields, rates)
 def test_grow(given: Words, rate: float) -> None:
     bench = Bench(given, rate)
@@ -297,12 +315,19 @@ def test_shrink(given: Words, i: int, rho: int, k_p: int, k_t: int) -> None:
     rates,
     st.tuples(*[integers(-(2**28), 2**28)] * 3),
     st.tuples(*[integers(0, 4095**2)] * 3),
+    integers(1024, 2**26),
     st.integers(0, 1),
 )
 def test_feed_back(
-    given: Words, rate: float, error: tuple[int, ...], variance: tuple[int, ...], locked: int
+    given: Words,
+    rate: float,
+    error: tuple[int, ...],
+    variance: tuple[int, ...],
+    noise: int,
+    locked: int,
 ) -> None:
     bench = Bench(given, rate)
+    bench.work("NOISE", noise)
     bench.work("ERR", *(given["VEL"] if locked else error))
     bench.work("VAR", *variance)
     kernels["scales"](bench.s, bench.w)
@@ -310,11 +335,12 @@ def test_feed_back(
 
 
 @settings(max_examples=50)
-@given(fields, rates, st.integers(0, 1))
-def test_update(given: Words, rate: float, fresh: int) -> None:
+@given(fields, rates, integers(0, parameters.LIMITS["UNREST_MAX"][1]), st.integers(0, 1))
+def test_update(given: Words, rate: float, unrest: int, fresh: int) -> None:
     # The best particle's weight is 1 from the last tick.
     given["LOG_W"] = (0, *given["LOG_W"][1:])
     bench = Bench(given, rate)
+    bench.work("UNREST", unrest)
     kernels["update"](bench.s, bench.p, bench.w, bench.t, fresh)
 
 

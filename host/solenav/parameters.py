@@ -30,21 +30,26 @@ class Settings:
     align_accel: float = 0.5  # m/s², largest deviation from the first still sample
     align_rate_dps: float = 3.5
     bias_max_dps: float = 50.0
-    accel_min: float = 8.3  # m/s², C1
-    accel_max: float = 11.3
-    rate_max_dps: float = 50.0  # C2
+    accel_min: float = 7.5  # m/s², C1
+    accel_max: float = 12.1
+    rate_max_dps: float = 100.0  # C2
     accel_variance_max: float = 9.0  # (m/s²)², C3
     window_s: float = 0.05
+    unrest_rate_dps: float = 3.0  # sigma of the rate in T
+    unrest_accel: float = 0.35  # m/s², sigma of |a| in T
+    unrest_s: float = 0.7  # time constant of the growth of the least T
+    unrest_max: float = 31.0  # u of a sample that still observes zero velocity
+    unrest_sure: float = 3.0  # u of a sample that may judge the filter
     still_rate_dps: float = 3.0
     still_s: float = 0.5
     still_time_constant_s: float = 5.0
-    velocity_noise_horizontal: float = 0.1  # (m/s)²/s
-    velocity_noise_up: float = 0.01
-    tilt_noise: float = 3e-5  # rad²/s
+    velocity_noise_horizontal: float = 0.01  # (m/s)²/s
+    velocity_noise_up: float = 0.005
+    tilt_noise: float = 2e-4  # rad²/s
     freeze_s: float = 10.0
     initial_velocity_variance: float = 1e-4
     initial_tilt_variance: float = 1.2e-3
-    observation_noise: float = 0.01  # (m/s)², R at 200 Hz
+    observation_noise: float = 0.005  # (m/s)², R at 200 Hz
     m2_max: float = 2.0
     log_floor: float = -16.0  # natural logarithm of the least weight
     threshold_min: float = 0.1  # M_a
@@ -52,7 +57,7 @@ class Settings:
     threshold_growth: float = 0.4  # K_e at 200 Hz
     heavy_weight: float = 0.5  # K
     heavy_min: int = 50
-    lockout_s: float = 2.0
+    lockout_s: float = 1.0
     lockout_min: int = 5
     lockout_velocity_variance: float = 0.01
     step_swing_s: float = 0.15
@@ -79,7 +84,12 @@ def _limits() -> dict[str, tuple[int, int]]:
         "WINDOW": (1, 31),
         "Q_VV_H": (0, 2**28),
         "Q_VV_U": (0, 2**28),
-        "R": (2048, word),
+        "UNREST_RATE": (0, 2**24),
+        "UNREST_ACC": (0, 2**22),
+        "UNREST_GROWTH": (0, 2**29),
+        "UNREST_MAX": (0, 32512),
+        "UNREST_SURE": (0, 32512),
+        "R": (2048, 2**22),
         "LIKELIHOOD": (2, 2**20),
         "LOG_FLOOR": (-(2**24), 0),
         "M_A": (0, 16384),
@@ -139,6 +149,11 @@ def to_integers(settings: Settings, rate_hz: float) -> array[int]:
         "RATE_MAX": q(s.rate_max_dps * counts_per_dps, 2),
         "VAR_MAX": q(s.accel_variance_max * window, 14),
         "WINDOW": window,
+        "UNREST_RATE": round(2**32 * (2 / (s.unrest_rate_dps * counts_per_dps)) ** 2),
+        "UNREST_ACC": round(2**18 / s.unrest_accel**2),
+        "UNREST_GROWTH": q(dt / s.unrest_s, 30),
+        "UNREST_MAX": q(s.unrest_max, 8),
+        "UNREST_SURE": q(s.unrest_sure, 8),
         "STILL_RATE": q(s.still_rate_dps * counts_per_dps, 2),
         "STILL_TICKS": ticks(s.still_s),
         "STILL_GAIN": q(dt / s.still_time_constant_s, 22),

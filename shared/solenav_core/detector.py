@@ -5,8 +5,9 @@ zero-rate offset doesn't hide a stance.
 """
 
 from solenav_core.compat import const, micropython, ptr32
-from solenav_core.qmath import isqrt
+from solenav_core.qmath import div, isqrt, mulshift
 
+_T_MAX = const(0x2000000)  # 131072 in Q8
 _NORM_MAX = const(8191)  # 64 m/s² in Q7: 31 squared deviations still fit one word
 
 _S_ACC_NORM = const(22)
@@ -14,14 +15,20 @@ _S_STILL_TICKS = const(23)
 _S_RING_HEAD = const(24)
 _S_RING_FILL = const(25)
 _S_RING = const(26)
+_S_STILLEST = const(57)
+_S_GRAVITY = const(74)
 _P_ACC_SCALE = const(1)
 _P_ACC_MIN = const(11)
 _P_ACC_MAX = const(12)
 _P_RATE_MAX = const(13)
 _P_VAR_MAX = const(14)
 _P_WINDOW = const(15)
-_P_STILL_RATE = const(16)
+_P_UNREST_RATE = const(16)
+_P_UNREST_ACC = const(17)
+_P_UNREST_GROWTH = const(18)
+_P_STILL_RATE = const(21)
 _W_RATE = const(3)
+_W_UNREST = const(6)
 _I_ACC = const(0)
 
 
@@ -83,8 +90,39 @@ def slower(w: ptr32, limit: int) -> int:
 
 
 @micropython.viper
+def unrest(s: ptr32, p: ptr32, w: ptr32) -> int:
+    """How far this sample is from the stillest of late: u = T / T_least, Q8, into work UNREST.
+
+    T = (|rate| / sigma_rate)² + ((|a| - g) / sigma_a)² is the statistic of the SHOE detector
+    (Skog, Haendel, Nilsson, Rantakokko 2010) over one sample. The least T grows slowly, and is
+    at least 1: so a runner, whose foot is never quite still, has stances as well.
+    """
+    total = 0
+    i = 0
+    while i < 3:
+        rate = w[_W_RATE + i] >> 9
+        total = total + rate * rate
+        i = i + 1
+    off = s[_S_ACC_NORM] - (s[_S_GRAVITY] >> 13)
+    total = int(mulshift(total, p[_P_UNREST_RATE], 24))
+    total = total + int(mulshift(off * off, p[_P_UNREST_ACC], 24))
+    if total > _T_MAX:
+        total = _T_MAX
+    least = s[_S_STILLEST]
+    least = least + int(mulshift(least, p[_P_UNREST_GROWTH], 30))
+    if least > total << 4:
+        least = total << 4
+    if least < 4096:
+        least = 4096
+    s[_S_STILLEST] = least
+    w[_W_UNREST] = int(div(total, least >> 4, 8))
+    return 0
+
+
+@micropython.viper
 def detect(s: ptr32, p: ptr32, w: ptr32) -> int:
-    """C1 & C2 & C3 on this sample; counts the ticks of angular stillness as well."""
+    """C1 & C2 & C3 on this sample; its unrest, and the ticks of angular stillness, as well."""
+    int(unrest(s, p, w))
     if int(slower(w, p[_P_STILL_RATE])):
         # Saturates: a foot may rest for days.
         if s[_S_STILL_TICKS] < 0x3FFFFFFF:

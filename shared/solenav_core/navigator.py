@@ -13,7 +13,7 @@ from solenav_core.compat import const, micropython, ptr32
 from solenav_core.covariance import grow
 from solenav_core.detector import detect, push
 from solenav_core.layout import SAMPLE_FIELDS, STATE_FIELDS, WORK_FIELDS, size
-from solenav_core.particles import update
+from solenav_core.particles import stir, update
 from solenav_core.qmath import clamp
 from solenav_core.steps import stood, swung
 from solenav_core.strapdown import correct_rate, propagate, recentre
@@ -32,17 +32,20 @@ _S_MODE = const(1)
 _S_AL_DONE = const(4)
 _S_STANCE = const(21)
 _S_STILL_TICKS = const(23)
-_S_BIAS = const(70)
-_S_SWING_TICKS = const(92)
-_S_SINCE_CONSISTENT = const(96)
-_S_POS_LAST = const(505)
-_S_POS_REF = const(508)
+_S_BIAS = const(71)
+_S_SWING_TICKS = const(93)
+_S_OBSERVED = const(96)
+_S_SINCE_CONSISTENT = const(98)
+_S_POS_LAST = const(507)
+_S_POS_REF = const(510)
 _P_BIAS_MAX = const(10)
-_P_STILL_TICKS = const(17)
-_P_STILL_GAIN = const(18)
-_P_FREEZE_TICKS = const(24)
-_P_STEP_SWING = const(39)
+_P_STILL_TICKS = const(22)
+_P_STILL_GAIN = const(23)
+_P_FREEZE_TICKS = const(29)
+_P_STEP_SWING = const(44)
+_P_UNREST_MAX = const(19)
 _W_RATE = const(3)
+_W_UNREST = const(6)
 
 
 def new_state():
@@ -101,6 +104,7 @@ def tick(s: ptr32, p: ptr32, w: ptr32, t: ptr32, m: ptr32) -> int:
             events = 1
         if start == 1 or s[_S_MODE] == 0:
             return events
+    int(stir(s))
     int(correct_rate(s, w, m))
     int(propagate(s, p, w, m))
     if s[_S_SWING_TICKS] <= p[_P_FREEZE_TICKS]:
@@ -113,6 +117,7 @@ def tick(s: ptr32, p: ptr32, w: ptr32, t: ptr32, m: ptr32) -> int:
         if s[_S_SWING_TICKS] >= p[_P_STEP_SWING]:
             s[_S_AL_DONE] = 1
         s[_S_STANCE] = 0
+        s[_S_OBSERVED] = 0
         int(recentre(s))
         return events | int(swung(s, p)) << 2
     fresh = 1 - s[_S_STANCE]
@@ -124,7 +129,12 @@ def tick(s: ptr32, p: ptr32, w: ptr32, t: ptr32, m: ptr32) -> int:
             s[_S_POS_REF + i] = s[_S_POS_LAST + i]
             i = i + 1
     int(rest(s, p, w))
-    events = events | int(update(s, p, w, t, fresh)) << 3
+    if w[_W_UNREST] > p[_P_UNREST_MAX]:
+        s[_S_OBSERVED] = 0
+    else:
+        fresh = 1 - s[_S_OBSERVED]
+        s[_S_OBSERVED] = 1
+        events = events | int(update(s, p, w, t, fresh)) << 3
     int(stood(s, p, w, t))
     int(recentre(s))
     return events | 2

@@ -8,7 +8,7 @@ resampling, feedback into velocity, position and tilt.
 
 from solenav_core.compat import const, micropython, ptr32
 from solenav_core.covariance import shrink
-from solenav_core.qmath import clamp, div, isqrt, mulshift
+from solenav_core.qmath import clamp, div, isqrt, mulsat, mulshift
 from solenav_core.strapdown import turn
 
 _N = const(100)
@@ -22,62 +22,71 @@ _KP_MAX = const(33554432)  # 32 s in Q20
 _KT_MAX = const(67108864)  # 4 rad s/m in Q24
 _PHI_MAX = const(8388608)  # 0.5 rad in Q24
 _ERR_MAX = const(134217728)  # 8 m/s in Q24: beyond this the velocity says nothing about tilt
+_NOISE_MAX = const(0x4000000)  # 8 (m/s)² in Q23
+_HALF_MAX = const(0x400000)  # m²/2 of 4096 in Q10
 _COUNT_MAX = const(1023)
 _RISE_MAX = const(4194303)  # K_E * t: over 100 particles far past any M_b
 _MOVE_MAX = const(268435456)  # 1024 m in Q18
 
-_S_VEL = const(61)
-_S_POS = const(64)
-_S_P_VV = const(74)
-_S_P_PV = const(77)
-_S_P_VT = const(83)
-_S_P_TT = const(87)
-_S_DP_VV = const(89)
-_S_RNG = const(93)
-_S_INCONSISTENT = const(95)
-_S_SINCE_CONSISTENT = const(96)
-_S_M2 = const(97)
-_S_THRESHOLD = const(98)
-_S_N_EFF = const(99)
-_S_RESAMPLED = const(100)
-_S_LOCKOUTS = const(101)
-_S_LOG_W = const(102)
-_S_REACH = const(202)
-_S_X = const(205)
-_S_POS_REF = const(508)
-_P_R = const(27)
-_P_LIKELIHOOD = const(28)
-_P_M2_MAX = const(29)
-_P_LOG_FLOOR = const(30)
-_P_M_A = const(31)
-_P_M_B = const(32)
-_P_K_E = const(33)
-_P_K = const(34)
-_P_HEAVY_MIN = const(35)
-_P_LOCKOUT_TICKS = const(36)
-_P_LOCKOUT_MIN = const(37)
-_P_P_VV_H1 = const(38)
-_P_P_TT_0 = const(26)
-_W_ERR = const(6)
-_W_VAR = const(9)
-_W_SCALE = const(12)
-_W_ROOT = const(15)
-_W_GAIN = const(18)
-_W_GAIN_EXTRA = const(20)
-_W_GAIN_SHIFT = const(19)
-_W_SUM = const(22)
-_W_SUM2 = const(25)
-_W_SUM_W = const(21)
-_W_HEAVY = const(28)
-_W_PROPOSAL = const(29)
-_W_WEIGHT = const(329)
+_S_VEL = const(62)
+_S_POS = const(65)
+_S_P_VV = const(75)
+_S_P_PV = const(78)
+_S_P_VT = const(84)
+_S_P_TT = const(88)
+_S_DP_VV = const(90)
+_S_RNG = const(94)
+_S_INCONSISTENT = const(97)
+_S_SINCE_CONSISTENT = const(98)
+_S_M2 = const(99)
+_S_THRESHOLD = const(100)
+_S_N_EFF = const(101)
+_S_RESAMPLED = const(102)
+_S_LOCKOUTS = const(103)
+_S_LOG_W = const(104)
+_S_REACH = const(204)
+_S_X = const(207)
+_S_POS_REF = const(510)
+_P_R = const(32)
+_P_LIKELIHOOD = const(33)
+_P_M2_MAX = const(34)
+_P_UNREST_SURE = const(20)
+_P_LOG_FLOOR = const(35)
+_P_M_A = const(36)
+_P_M_B = const(37)
+_P_K_E = const(38)
+_P_K = const(39)
+_P_HEAVY_MIN = const(40)
+_P_LOCKOUT_TICKS = const(41)
+_P_LOCKOUT_MIN = const(42)
+_P_P_VV_H1 = const(43)
+_P_P_TT_0 = const(31)
+_W_UNREST = const(6)
+_W_ERR = const(7)
+_W_NOISE = const(19)
+_W_VAR = const(10)
+_W_SCALE = const(13)
+_W_ROOT = const(16)
+_W_GAIN = const(20)
+_W_GAIN_EXTRA = const(22)
+_W_GAIN_SHIFT = const(21)
+_W_SUM = const(24)
+_W_SUM2 = const(27)
+_W_SUM_W = const(23)
+_W_HEAVY = const(30)
+_W_PROPOSAL = const(31)
+_W_WEIGHT = const(331)
 _T_EXP2 = const(0)
 _T_GAUSS = const(273)
 
 
 @micropython.viper
-def draw_row(s: ptr32) -> int:
-    """One step of xorshift32 (Marsaglia 2003) on 16-bit halves; a row of the table, 0..99."""
+def stir(s: ptr32) -> int:
+    """One step of xorshift32 (Marsaglia 2003) on 16-bit halves.
+
+    Every tick takes one, whatever it does: so a decision that a rounding tipped over doesn't
+    give all later ticks other random numbers.
+    """
     hi = s[_S_RNG]
     lo = s[_S_RNG + 1]
     a = hi ^ (((hi << 13) | (lo >> 3)) & 65535)
@@ -87,7 +96,13 @@ def draw_row(s: ptr32) -> int:
     lo = b ^ ((b << 5) & 65535)
     s[_S_RNG] = hi
     s[_S_RNG + 1] = lo
-    return (lo * _N) >> 16
+    return 0
+
+
+@micropython.viper
+def row(s: ptr32) -> int:
+    """The row of the table, 0..99, that this tick's random number chooses."""
+    return (s[_S_RNG + 1] * _N) >> 16
 
 
 @micropython.viper
@@ -141,12 +156,18 @@ def scales(s: ptr32, w: ptr32) -> int:
 
 
 @micropython.viper
-def draw(k: int, q: int, s: ptr32, w: ptr32, t: ptr32) -> int:
+def draw(k: int, q: int, s: ptr32, w: ptr32, t: ptr32, again: int) -> int:
     """All particles anew from N(0, P_VV), weights 1. k and q are room for loop variables.
+
+    `again`, after the tick's proposals, takes the other half of the table first.
 
     A kernel's first parameters live in registers on a board: they are its hottest locals.
     """
-    k = _T_GAUSS + int(draw_row(s))
+    k = _T_GAUSS + int(row(s))
+    if again:
+        k = k + 50
+        if k >= _T_GAUSS + _N:
+            k = k - _N
     int(roots(s, w, _S_P_VV))
     east = w[_W_ROOT]
     north = w[_W_ROOT + 1]
@@ -176,7 +197,7 @@ def propose(k: int, q: int, s: ptr32, w: ptr32, t: ptr32, fresh: int) -> int:
     w[_W_ROOT + 1] = 0
     w[_W_ROOT + 2] = 0
     if fresh == 0:
-        k = k + int(draw_row(s))
+        k = k + int(row(s))
         int(roots(s, w, _S_DP_VV))
         int(widen(s, w, 1))
     east = w[_W_ROOT]
@@ -198,17 +219,19 @@ def propose(k: int, q: int, s: ptr32, w: ptr32, t: ptr32, fresh: int) -> int:
 
 @micropython.viper
 def observe(s: ptr32, p: ptr32, w: ptr32) -> int:
-    """m² of the INS velocity against zero, and the likelihood's gain for the noise it implies.
+    """m² of the INS velocity against zero; the observation's noise and the likelihood's gain.
 
-    m² > 2 widens the observation noise by (m²/2)², that is, divides the gain by m²/2. Errors
-    are shifted right until gain times the largest one fits a word.
+    Unrest u makes the noise R (1 + u)²; m² > 2 widens it by (m²/2)² more, that is, divides the
+    gain by m²/2. Errors are shifted right until gain times the largest one fits a word.
     """
+    unrest = 256 + w[_W_UNREST]
+    noise = int(clamp(int(mulsat(p[_P_R], unrest * unrest, 17)), _NOISE_MAX))
     m2 = 0
     span = 0
     i = 0
     while i < 3:
         v = int(clamp(s[_S_VEL + i] >> 12, 32767))
-        m2 = m2 + int(div(v * v, (s[_S_P_VV + i] >> 2) + p[_P_R], 10))
+        m2 = m2 + int(div(v * v, (s[_S_P_VV + i] >> 3) + noise, 9))
         if v < 0:
             v = 0 - v
         reach = (v << 4) + s[_S_REACH + i]
@@ -216,22 +239,26 @@ def observe(s: ptr32, p: ptr32, w: ptr32) -> int:
             span = reach
         i = i + 1
     s[_S_M2] = m2
-    gain = p[_P_LIKELIHOOD]
+    gain = (p[_P_LIKELIHOOD] << 8) // unrest  # > 0: 256 and more
     shift = 0
     if m2 > p[_P_M2_MAX]:
         half = m2 >> 1
+        if half < 1024:
+            half = 1024  # m² widens the noise, it never narrows it
+        wider = int(clamp(half, _HALF_MAX)) << 7
+        noise = int(clamp(int(mulsat(noise, wider, 17)), _NOISE_MAX))
+        noise = int(clamp(int(mulsat(noise, wider, 17)), _NOISE_MAX))
         while half >= 2048:
             half = half >> 1
             shift = shift + 1
-        if half < 1024:
-            half = 1024  # m² widens the noise, it never narrows it
-        gain = (gain << 10) // half
+        gain = (gain << 10) // half  # > 0: 1024 and more
     if gain < 1:
         gain = 1
     most = 0x3FFFFFFF // gain
     extra = 0
     while span >> (shift + extra) > most:
         extra = extra + 1
+    w[_W_NOISE] = noise
     w[_W_GAIN] = gain
     w[_W_GAIN_SHIFT] = shift + extra
     w[_W_GAIN_EXTRA] = extra
@@ -377,15 +404,20 @@ def estimate(w: ptr32) -> int:
 
 
 @micropython.viper
-def adapt(s: ptr32, p: ptr32) -> int:
-    """The adaptive threshold M = M_a + K_e t / N_eff, at most M_b. 1 if it reached M_b (H1)."""
+def adapt(s: ptr32, p: ptr32, w: ptr32) -> int:
+    """The adaptive threshold M = M_a + K_e t / N_eff, at most M_b. 1 if it reached M_b (H1).
+
+    Only a sample that is still enough has a say in whether the filter agrees with it.
+    """
     t = s[_S_INCONSISTENT]
-    if s[_S_M2] > p[_P_M2_MAX]:
-        if t < _COUNT_MAX:
-            t = t + 1
-    else:
-        t = 0
-        s[_S_SINCE_CONSISTENT] = 0
+    sure = int(w[_W_UNREST] <= p[_P_UNREST_SURE])
+    if sure:
+        if s[_S_M2] > p[_P_M2_MAX]:
+            if t < _COUNT_MAX:
+                t = t + 1
+        else:
+            t = 0
+            s[_S_SINCE_CONSISTENT] = 0
     s[_S_INCONSISTENT] = t
     threshold = p[_P_M_B]
     if s[_S_SINCE_CONSISTENT] <= p[_P_LOCKOUT_TICKS] or t < p[_P_LOCKOUT_MIN]:
@@ -394,7 +426,9 @@ def adapt(s: ptr32, p: ptr32) -> int:
         if threshold > p[_P_M_B]:
             threshold = p[_P_M_B]
     s[_S_THRESHOLD] = threshold
-    return int(threshold >= p[_P_M_B])
+    if threshold < p[_P_M_B]:
+        return 0
+    return sure
 
 
 @micropython.viper
@@ -444,12 +478,18 @@ def scattered(s: ptr32) -> int:
 
 @micropython.viper
 def remaining(s: ptr32, p: ptr32, w: ptr32, i: int, locked: int) -> int:
-    """rho = min(1, s² / P_VV) of axis i, Q30."""
+    """rho = min(1, s² / P_VV) of axis i, Q30.
+
+    No less than R / (P_VV + R), what one observation leaves of a Gaussian: where few particles
+    have weight, their variance says too little.
+    """
     p_vv = s[_S_P_VV + i]
     if locked:
         if p_vv <= p[_P_P_VV_H1]:
             return _LIMIT
         return int(div(p[_P_P_VV_H1], p_vv, 30))
+    noise = w[_W_NOISE]
+    least = int(div(noise, (p_vv >> 3) + noise, 15)) << 15
     scale = w[_W_SCALE + i]
     if scale >= 3:
         p_vv = p_vv >> (2 * scale - 6)
@@ -457,7 +497,10 @@ def remaining(s: ptr32, p: ptr32, w: ptr32, i: int, locked: int) -> int:
         p_vv = p_vv << (6 - 2 * scale)
     if w[_W_VAR + i] >= p_vv:
         return _LIMIT
-    return int(div(w[_W_VAR + i], p_vv, 30))
+    rho = int(div(w[_W_VAR + i], p_vv, 30))
+    if rho < least:
+        rho = least
+    return int(clamp(rho, _LIMIT))
 
 
 @micropython.viper
@@ -509,13 +552,13 @@ def feed_back(s: ptr32, p: ptr32, w: ptr32, locked: int) -> int:
 def update(s: ptr32, p: ptr32, w: ptr32, t: ptr32, fresh: int) -> int:
     """One stance tick; `fresh` on the first of a stance. 0, 1 (H2) or 3 (H1): drawn anew."""
     if fresh:
-        int(draw(0, 0, s, w, t))
+        int(draw(0, 0, s, w, t, 0))
     int(propose(0, 0, s, w, t, fresh))
     int(scales(s, w))
     int(observe(s, p, w))
     int(weigh(0, 0, 0, s, p, w, t))
     int(estimate(w))
-    locked = int(adapt(s, p))
+    locked = int(adapt(s, p, w))
     if locked:
         i = 0
         while i < 3:
@@ -540,5 +583,5 @@ def update(s: ptr32, p: ptr32, w: ptr32, t: ptr32, fresh: int) -> int:
     if anew:
         if s[_S_RESAMPLED] < _LIMIT:
             s[_S_RESAMPLED] = s[_S_RESAMPLED] + 1
-        int(draw(0, 0, s, w, t))
+        int(draw(0, 0, s, w, t, 1))
     return anew + 2 * locked

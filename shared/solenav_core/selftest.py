@@ -179,6 +179,18 @@ def _slower(b):
             b.result(detector.slower(b.w, limit))
 
 
+def _unrest(b):
+    """Quiet after quiet, wild after quiet, and the way back."""
+    for bits in (2, 2, 14, 15, 6, 6, 4, 9):
+        for least in (0, 4096, 70_000):
+            b.sample(bits)
+            detector.push(b.s, b.p, b.m)
+            strapdown.correct_rate(b.s, b.w, b.m)
+            b.s[_AT["STILLEST"]] = least
+            b.result(detector.unrest(b.s, b.p, b.w))
+            b.arrays()
+
+
 def _detect(b):
     for bits in (2, 2, 2, 14, 2):
         for _ in range(6):
@@ -306,6 +318,7 @@ def _observe(b):
             b.s[_AT["REACH"] + a] = 1 << (bits + a)
             for i in range(0, 100, 9):
                 b.w[_WORK["PROPOSAL"] + 100 * a + i] = b.number(bits + a)
+        b.w[_WORK["UNREST"]] = abs(b.number(bits - 6))
         b.result(particles.observe(b.s, b.p, b.w))
         b.result(particles.likelihood(0, 0, 0, b.s, b.w))
         b.arrays()
@@ -319,7 +332,8 @@ def _adapt(b):
             b.s[_AT["M2"]] = m2
             b.s[_AT["INCONSISTENT"]] = t
             b.s[_AT["N_EFF"]] = 25600 >> (t & 3)
-            b.result(particles.adapt(b.s, b.p))
+            b.w[_WORK["UNREST"]] = 3 * 256 + (since & 2) - 1
+            b.result(particles.adapt(b.s, b.p, b.w))
             b.arrays()
     for a in range(3):
         b.s[_AT["P_VV"] + a] = 100
@@ -452,6 +466,7 @@ TESTS = (
     ("full speed", _full_speed),
     ("push", _push),
     ("slower", _slower),
+    ("unrest", _unrest),
     ("detect", _detect),
     ("grow", _grow),
     ("shrink", _shrink),

@@ -19,9 +19,10 @@ from solenav.engines.source import MODULES, constants, core_path, is_viper
 INLINE = {
     "qmath": ("mulshift", "mulsat", "clamp", "isqrt", "div"),
     "strapdown": ("correct_rate", "recentre"),
-    "detector": ("push",),
+    "detector": ("push", "unrest"),
     "particles": (
-        "draw_row",
+        "row",
+        "stir",
         "ratio",
         "scales",
         "widen",

@@ -48,6 +48,7 @@ LIMITS = {
     "STANCE": (0, 1),
     "STILL_TICKS": (0, ONE),
     "RING": (0, 8191),
+    "STILLEST": (4096, 2**29),
     "VEL": (-100 << 24, 100 << 24),
     "POS": (-(2**29), 2**29),
     "CELL": (-127, 127),
@@ -62,6 +63,7 @@ LIMITS = {
     "DP_VV": (-(2**27), 2**27),  # at 50 Hz
     "SWING_TICKS": (0, ONE),
     "RNG": (0, 65535),
+    "OBSERVED": (0, 1),
     "INCONSISTENT": (0, 1023),
     "SINCE_CONSISTENT": (0, ONE),
     "LOG_W": (-(2**24), 0),

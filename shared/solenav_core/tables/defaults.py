@@ -16,24 +16,29 @@ PARAMS = array(
         104,  # ALIGN_ACC
         57,  # ALIGN_RATE
         820,  # BIAS_MAX
-        1062,  # ACC_MIN
-        1446,  # ACC_MAX
-        3280,  # RATE_MAX
+        960,  # ACC_MIN
+        1549,  # ACC_MAX
+        6560,  # RATE_MAX
         1474560,  # VAR_MAX
         10,  # WINDOW
+        7097243,  # UNREST_RATE
+        2139951,  # UNREST_ACC
+        7669584,  # UNREST_GROWTH
+        7936,  # UNREST_MAX
+        768,  # UNREST_SURE
         197,  # STILL_RATE
         100,  # STILL_TICKS
         4194,  # STILL_GAIN
         52649051,  # GAMMA
         2581554,  # GAMMA2
-        33554,  # Q_VV_H
-        3355,  # Q_VV_U
-        161,  # Q_TT
+        3355,  # Q_VV_H
+        1678,  # Q_VV_U
+        1074,  # Q_TT
         2000,  # FREEZE_TICKS
         6711,  # P_VV_0
         1288490,  # P_TT_0
-        167772,  # R
-        17394,  # LIKELIHOOD
+        83886,  # R
+        24599,  # LIKELIHOOD
         2048,  # M2_MAX
         -1512775,  # LOG_FLOOR
         1638,  # M_A
@@ -41,7 +46,7 @@ PARAMS = array(
         6554,  # K_E
         8192,  # K
         50,  # HEAVY_MIN
-        400,  # LOCKOUT_TICKS
+        200,  # LOCKOUT_TICKS
         5,  # LOCKOUT_MIN
         671089,  # P_VV_H1
         30,  # STEP_SWING

@@ -7,26 +7,27 @@ EXPECTED = (
     1501789533,  # isqrt
     3575841464,  # clamp
     1056304096,  # azimuth
-    891481464,  # turn
-    2323705938,  # to_nav
-    3806240255,  # propagate
-    306377049,  # recentre
-    2987805792,  # full speed
-    3211261750,  # push
-    4292077777,  # slower
-    2219607304,  # detect
-    1962009549,  # grow
-    67519090,  # shrink
-    4242240851,  # head
-    647951721,  # level
-    1965668173,  # align
-    2539744769,  # roots
-    2636240702,  # ratio
-    154492969,  # feed_back
-    4166581573,  # observe
-    215055410,  # adapt
-    3820317041,  # weigh
-    3242170267,  # update
-    3616576198,  # stood
-    2008249499,  # tick
+    3027496242,  # turn
+    1692259826,  # to_nav
+    3150525917,  # propagate
+    3896498010,  # recentre
+    3195236008,  # full speed
+    387045602,  # push
+    203279627,  # slower
+    4209057515,  # unrest
+    3208944001,  # detect
+    3855987095,  # grow
+    1712233223,  # shrink
+    51049016,  # head
+    338849876,  # level
+    772507508,  # align
+    529334593,  # roots
+    608664636,  # ratio
+    309280187,  # feed_back
+    1277302901,  # observe
+    454814035,  # adapt
+    497753195,  # weigh
+    603874450,  # update
+    4230690669,  # stood
+    3259048684,  # tick
 )
