@@ -14,14 +14,13 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from solenav.errors import SolenavError
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from studies.recordings import sources
+
 SOLENAV = Path(sys.executable).parent / "solenav"
-SETS = [
-    ("llio", "llio", "*_LLIO.mat", ("right",)),
-    ("openshoe", "openshoe", "*.txt", ("right",)),
-    ("pyshoe", "pyshoe_vicon", "*.mat", ("right",)),
-    ("xio", "xio", "*.csv", ("right",)),
-    ("gaitmap", "gaitmap", "imu_sample.csv", ("left", "right")),
-]
 COLUMNS = (
     "recording",
     "rate, Hz",
@@ -73,15 +72,10 @@ def row(job: tuple[str, Path, str]) -> str:
 def main() -> None:
     if len(sys.argv) != 2:
         sys.exit("usage: python tools/bench/recordings.py DATA")
-    data = Path(sys.argv[1]) / "foot"
-    jobs = [
-        (format, path, foot)
-        for format, folder, pattern, feet in SETS
-        for path in sorted((data / folder).glob(pattern))
-        for foot in feet
-    ]
-    if not jobs:
-        sys.exit(f"no recordings in {data}")
+    try:
+        jobs = sources(Path(sys.argv[1]))
+    except SolenavError as error:
+        sys.exit(error.message)
     print("|", " | ".join(COLUMNS), "|")
     print("|---" * len(COLUMNS) + "|")
     with ThreadPoolExecutor(2) as pool:
