@@ -27,6 +27,8 @@ _NEED_TRUTH = (
 )
 # A pose or two may be lost on the way; across more, a straight line is no estimate any more.
 _GAP_PERIODS = 3.5
+# A relative pose error takes a point so often.
+_THIN_S = 0.1
 
 _STATISTICS = ("rmse", "mean", "median", "std", "min", "max")
 
@@ -193,28 +195,52 @@ def measure(run: Capture, truth: Truth | None) -> Evaluation:
 def compare(run: Capture, truth: Truth, align: str = "auto") -> Comparison:
     """The estimate of one run at the truth's times, and the truth laid onto it. Needs no evo.
 
-    The estimate is interpolated, so that a survey point per stride will do, and clocks of
-    different rates cost nothing; truth without poses around it is left out.
-
     Raises SolenavError without poses and where nothing is left.
     """
     run.need_poses()
-    time_s = run.time_of_tick(run.poses.tick)
+    return lay(
+        run.time_of_tick(run.poses.tick),
+        run.positions(),
+        run.poses.rows["velocity"] / 2**24,
+        truth,
+        align,
+        name=str(run.path),
+    )
+
+
+def lay(
+    time_s: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    truth: Truth,
+    align: str = "auto",
+    *,
+    name: str,
+) -> Comparison:
+    """An estimate, (n,) s, (n, 3) m and m/s, at the truth's times, and the truth laid onto it.
+
+    The estimate is interpolated, so that a survey point per stride will do, and clocks of
+    different rates cost nothing; truth without poses around it is left out. `align` is as in
+    `evaluate`.
+
+    Raises SolenavError, which calls the estimate `name`, where nothing is left.
+    """
     usable = np.isfinite(truth.position_enu[:, :2]).all(axis=1) & _near(truth.time_s, time_s)
     rows = np.flatnonzero(usable)
     if not len(rows):
         raise SolenavError(
-            f"{run.path}: no point of the truth falls into the time of the poses",
+            f"{name}: no point of the truth falls into the time of the poses",
             "times in the truth's table count from the first sample, in seconds: check them",
         )
     points = truth.position_enu[rows]
     wanted = truth.time_s[rows]
-    estimate = _at(wanted, time_s, run.positions())
-    velocity = _at(wanted, time_s, run.poses.rows["velocity"] / 2**24)
+    estimate = _at(wanted, time_s, position)
     if align == "auto":
         align = "none" if truth.frame == "enu" else "yaw"
     alignment = _ALIGN[align](points, estimate)
-    return Comparison(alignment, wanted, estimate, velocity, alignment.moved(points), rows)
+    return Comparison(
+        alignment, wanted, estimate, _at(wanted, time_s, velocity), alignment.moved(points), rows
+    )
 
 
 def last_run(capture: Capture) -> tuple[Capture, int]:
@@ -300,7 +326,7 @@ def _against_truth(truth: Truth, comparison: Comparison, distance_m: float) -> T
     """Every figure that a comparison gives."""
     rows = comparison.rows
     error = comparison.error
-    final = _errors(error[-1])
+    final = errors(error[-1])
     stance = np.zeros(len(rows), bool) if truth.stance is None else truth.stance[rows]
     velocity_error = None
     if truth.velocity_enu is not None and stance.any():
@@ -310,7 +336,7 @@ def _against_truth(truth: Truth, comparison: Comparison, distance_m: float) -> T
         frame=truth.frame,
         alignment=comparison.alignment,
         position_rmse_m=rmse(error),
-        ape_m={"horizontal": _ape(comparison, 2), "total": _ape(comparison, 3)},
+        ape_m={"horizontal": ape(comparison, 2), "total": ape(comparison, 3)},
         final_m=final,
         final_share=final.horizontal / distance_m if distance_m else None,
         stance_points=int(stance.sum()),
@@ -325,10 +351,10 @@ def rmse(error: FloatArray) -> Errors:
     for axis, column in enumerate(error.T):
         known = column[np.isfinite(column)]
         mean[axis] = np.mean(known**2) if len(known) else np.nan
-    return _errors(np.sqrt(mean))
+    return errors(np.sqrt(mean))
 
 
-def _errors(axes: FloatArray) -> Errors:
+def errors(axes: FloatArray) -> Errors:
     east, north, up = axes.tolist()
     horizontal = math.hypot(east, north)
     if math.isnan(up):
@@ -336,15 +362,63 @@ def _errors(axes: FloatArray) -> Errors:
     return Errors(east, north, up, horizontal, math.hypot(horizontal, up))
 
 
-def _ape(comparison: Comparison, dimensions: int) -> dict[str, float] | None:
-    """evo's statistics of the distance between estimate and truth, in m, or None.
+def ape(comparison: Comparison, dimensions: int = 2) -> dict[str, float] | None:
+    """evo's statistics of the absolute pose error, estimate to truth, in m, or None.
 
     Over the plane (2 `dimensions`) or space (3), where those coordinates are known.
     """
-    known = np.isfinite(comparison.reference[:, :dimensions]).all(axis=1)
+    known = _known(comparison, dimensions)
     if not known.any():
         return None
-    metrics, trajectory = _evo("metrics"), _evo("trajectory")
+    metrics = _evo("metrics")
+    found = metrics.APE(metrics.PoseRelation.translation_part)
+    return _statistics(found, comparison, known, dimensions)
+
+
+def rpe(comparison: Comparison, stretch_m: float, dimensions: int = 2) -> dict[str, float] | None:
+    """evo's statistics of the relative pose error over stretches of `stretch_m` of truth, in m.
+
+    The displacement over a stretch, estimate less truth, both in the estimate's frame; so a
+    wrong heading counts. None where the truth is shorter than a stretch.
+    """
+    known = _known(comparison, dimensions)
+    # evo builds a matrix a pose, in Python.
+    known = _thinned(comparison.time_s, known)
+    if known.sum() < 2:
+        return None
+    metrics = _evo("metrics")
+    found = metrics.RPE(
+        metrics.PoseRelation.translation_part,
+        stretch_m,
+        metrics.Unit.meters,
+        # The same stretches for every estimate.
+        pairs_from_reference=True,
+    )
+    try:
+        return _statistics(found, comparison, known, dimensions)
+    except _evo("filters").FilterException:
+        return None
+
+
+def _known(comparison: Comparison, dimensions: int) -> NDArray[np.bool_]:
+    """Whether each point of the truth knows its first coordinates, (n,)."""
+    return np.asarray(np.isfinite(comparison.reference[:, :dimensions]).all(axis=1))
+
+
+def _thinned(time_s: FloatArray, known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The known points at least `_THIN_S` apart."""
+    kept = np.zeros(len(time_s), bool)
+    where = np.flatnonzero(known)
+    beats = np.floor(time_s[where] / _THIN_S)
+    kept[where[np.diff(beats, prepend=-1.0) > 0]] = True
+    return kept
+
+
+def _statistics(
+    metric: Any, comparison: Comparison, known: NDArray[np.bool_], dimensions: int
+) -> dict[str, float]:
+    """What an evo metric says of the known points of a comparison."""
+    trajectory = _evo("trajectory")
 
     def path(points: FloatArray) -> Any:
         shown = np.zeros((int(known.sum()), 3))
@@ -353,9 +427,8 @@ def _ape(comparison: Comparison, dimensions: int) -> dict[str, float] | None:
         level = np.tile([1.0, 0.0, 0.0, 0.0], (len(shown), 1))
         return trajectory.PoseTrajectory3D(shown, level, comparison.time_s[known])
 
-    ape = metrics.APE(metrics.PoseRelation.translation_part)
-    ape.process_data((path(comparison.reference), path(comparison.estimate)))
-    statistics = ape.get_all_statistics()
+    metric.process_data((path(comparison.reference), path(comparison.estimate)))
+    statistics = metric.get_all_statistics()
     return {name: float(statistics[name]) for name in _STATISTICS}
 
 

@@ -5,6 +5,8 @@ Colours are Okabe and Ito's, which the colour-blind can tell apart.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -27,10 +29,10 @@ ZOOM_S = 5.0
 BLUE, RED, GREEN, PURPLE, YELLOW = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#F0E442"
 INK, GREY, SHADE, DARK_PURPLE = "#222222", "#666666", "#E6E6E6", "#9E4B77"
 _AXES = (("E", BLUE), ("N", RED), ("U", GREEN))
-_DASHED = (0, (4, 2))
-_LEGEND = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
+DASHED = (0, (4, 2))
+LEGEND = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
 
-_STYLE = {
+STYLE = {
     "font.size": 9.5,
     "axes.titlesize": 10.5,
     "axes.titleweight": "bold",
@@ -87,14 +89,8 @@ def plot(capture: Capture, out: Path, *, title: str | None = None) -> None:
     Truth, where there is some, is laid onto the estimate as `solenav.evaluate` does.
     Raises SolenavError without poses or matplotlib, and where `out` can't be written.
     """
-    try:
-        matplotlib = import_module("matplotlib")
-        figures = import_module("matplotlib.figure")
-    except ImportError:
-        raise SolenavError("plotting needs matplotlib", "pip install 'solenav[plot]'") from None
     walk = _gather(capture)
-    with matplotlib.rc_context(_STYLE):
-        figure = figures.Figure(figsize=SIZE_IN, dpi=DPI, facecolor="white")
+    with sheet(out, SIZE_IN) as figure:
         _head(
             figure,
             title or str(capture.sidecar.get("name") or capture.path.stem),
@@ -102,11 +98,27 @@ def plot(capture: Capture, out: Path, *, title: str | None = None) -> None:
             _caption(walk),
         )
         _draw(figure, walk)
+
+
+@contextmanager
+def sheet(out: Path, size_in: tuple[float, float], dpi: int = DPI) -> Iterator[Any]:
+    """A white matplotlib figure in this module's style, written as a PNG afterwards.
+
+    SolenavError without matplotlib, and where `out` can't be written.
+    """
+    try:
+        matplotlib = import_module("matplotlib")
+        figures = import_module("matplotlib.figure")
+    except ImportError:
+        raise SolenavError("plotting needs matplotlib", "pip install 'solenav[plot]'") from None
+    with matplotlib.rc_context(STYLE):
+        figure = figures.Figure(figsize=size_in, dpi=dpi, facecolor="white")
+        yield figure
         try:
             figure.savefig(out, format="png")
         except OSError as error:
             raise SolenavError(
-                f"can't write {out}: {error.strerror}", "choose another file with -o", 1
+                f"can't write {out}: {error.strerror}", "choose another file", 1
             ) from None
 
 
@@ -249,24 +261,24 @@ def _trajectory(axes: Any, walk: _Walk, window: tuple[float, float]) -> None:
             label=label,
             zorder=6,
         )
-    _fit(axes, shown[:, :2])
+    fit(axes, shown[:, :2])
     axes.set_title("Trajectory")
     axes.set_xlabel("East, m", labelpad=1)
     axes.set_ylabel("North, m")
-    axes.legend(ncols=5, **_LEGEND)
+    axes.legend(ncols=5, **LEGEND)
 
 
 def _truth(axes: Any, time: FloatArray, x: FloatArray, y: FloatArray) -> None:
     """The truth as a line, or as points where it comes seldom."""
     sparse = len(time) < 2 or float(np.median(np.diff(time))) > _SPARSE_S
     every = 1 if sparse else max(1, len(time) // _PATH_POINTS)
-    style: dict[str, Any] = {"linewidth": 1.1, "linestyle": _DASHED}
+    style: dict[str, Any] = {"linewidth": 1.1, "linestyle": DASHED}
     if sparse:
         style = {"marker": "x", "markersize": 5.5, "linestyle": "none"}
     axes.plot(x[::every], y[::every], color=RED, label="truth", zorder=5, **style)
 
 
-def _fit(axes: Any, points: FloatArray) -> None:
+def fit(axes: Any, points: FloatArray) -> None:
     """Limits around points (n, 2), at least a metre, with equal scales that fill the panel."""
     low, high = points.min(axis=0), points.max(axis=0)
     panel = axes.get_position().size * axes.figure.get_size_inches()
@@ -290,9 +302,9 @@ def _whole(panels: Any, walk: _Walk) -> None:
             _truth(height, walk.truth.time_s, walk.truth.time_s, truth)
     height.set_title("Height")
     height.set_ylabel("Up, m")
-    _at_least(height, 0.1)
+    at_least(height, 0.1)
     height.locator_params(axis="y", nbins=6)
-    height.legend(ncols=3, **_LEGEND)
+    height.legend(ncols=3, **LEGEND)
 
     # Up first: it would hide the others, which matter more.
     for axis, (name, colour) in reversed(list(enumerate(_AXES))):
@@ -301,9 +313,9 @@ def _whole(panels: Any, walk: _Walk) -> None:
     _shade(velocity, walk)
     velocity.set_title("Velocity (stance shaded)")
     velocity.set_ylabel("m/s")
-    _at_least(velocity, 0.1)
+    at_least(velocity, 0.1)
     velocity.legend(
-        *[side[::-1] for side in velocity.get_legend_handles_labels()], ncols=3, **_LEGEND
+        *[side[::-1] for side in velocity.get_legend_handles_labels()], ncols=3, **LEGEND
     )
 
     _filter(particles, walk)
@@ -320,7 +332,7 @@ def _whole(panels: Any, walk: _Walk) -> None:
     )
 
 
-def _at_least(axes: Any, span: float) -> None:
+def at_least(axes: Any, span: float) -> None:
     """Widen the vertical limits to a span that makes noise look like noise."""
     low, high = axes.get_ylim()
     more = max(0.0, span - (high - low)) / 2
@@ -364,8 +376,8 @@ def _close_up(panels: Any, walk: _Walk, window: tuple[float, float]) -> None:
         speed.plot(time, walk.velocity[poses, axis], color=colour, linewidth=1.2, label=name)
     speed.set_title(f"{window[1] - window[0]:.0f} s from close up (yellow)")
     speed.set_ylabel("m/s")
-    _at_least(speed, 0.1)
-    speed.legend(ncols=3, **_LEGEND)
+    at_least(speed, 0.1)
+    speed.legend(ncols=3, **LEGEND)
 
     force.plot(time, walk.acc_norm[poses], color=INK, linewidth=1.0)
     force.set_ylabel("|a|, m/s²")
@@ -399,7 +411,7 @@ def _close_up(panels: Any, walk: _Walk, window: tuple[float, float]) -> None:
 
 def _limit(axes: Any, value: float, text: str) -> None:
     """A limit of the detector, named at its end."""
-    axes.axhline(value, color=PURPLE, linewidth=1.3, linestyle=_DASHED)
+    axes.axhline(value, color=PURPLE, linewidth=1.3, linestyle=DASHED)
     axes.text(
         1.01, value, text, color=DARK_PURPLE, va="center", transform=axes.get_yaxis_transform()
     )

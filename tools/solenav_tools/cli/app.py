@@ -12,6 +12,7 @@ import typer
 
 from solenav.errors import SolenavError
 from solenav_tools.cli import (
+    compare,
     evaluate,
     import_recording,
     info,
@@ -22,6 +23,7 @@ from solenav_tools.cli import (
     replay,
     run_firmware,
     simulate,
+    tune,
     verify,
 )
 from solenav_tools.cli.output import fail
@@ -44,6 +46,8 @@ app.command("verify")(verify.verify)
 app.command("matrix")(matrix.matrix)
 app.command("plot")(plot.plot)
 app.command("evaluate")(evaluate.evaluate)
+app.command("compare")(compare.compare)
+app.command("tune")(tune.tune)
 
 
 def main() -> None:

@@ -1,0 +1,111 @@
+"""`solenav tune`: detector parameters for one's own recordings."""
+
+from __future__ import annotations
+
+import json
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from solenav import capture
+from solenav.capture.sidecar import sidecar_path
+from solenav.errors import SolenavError
+from solenav_tools.cli.output import Json, check_output, progress, say, say_json, warn
+
+if TYPE_CHECKING:
+    # It needs numba, which the other commands do without.
+    from solenav.tune import Dimension, Judged, Report
+
+_VERDICTS = {
+    "better": "better on walks like these",
+    "unproven": "better on this walk, unproven on any other",
+    "no better": "no better, keep those you have",
+}
+
+
+def tune(
+    files: Annotated[list[Path], typer.Argument(help="Captures (.solcap).", metavar="CAPTURE...")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Part of a config.json to write.")
+    ] = None,
+    closed_loop: Annotated[
+        bool, typer.Option("--closed-loop", help="Every walk ends where it began.")
+    ] = False,
+    free_band: Annotated[
+        bool, typer.Option("--free-band", help="Let the force's band be wider on one side of g.")
+    ] = False,
+    also: Annotated[
+        list[str] | None,
+        typer.Option(metavar="SETTING", help="Another setting to search; may be given again."),
+    ] = None,
+    budget: Annotated[
+        int, typer.Option(min=16, help="Parameter sets that the search tries.")
+    ] = 400,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Processes; default: a core each.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Find detector parameters by truth or closure, and say how far they may be trusted."""
+    if not find_spec("numba"):
+        raise SolenavError("tuning needs numba", "pip install 'solenav[fast]'")
+    from solenav import tune as tuning
+
+    if output is not None:
+        check_output(output, ".json")
+        if output.resolve() in {sidecar_path(file).resolve() for file in files}:
+            raise SolenavError(
+                f"{output} is what stands beside the capture", "choose another file for -o"
+            )
+    unique = list({file.resolve(): file for file in files}.values())
+    walks = [tuning.from_capture(capture.load(file), closed_loop=closed_loop) for file in unique]
+    extra = also or []
+    planned = tuning.planned(budget, 4 + free_band + len(extra))
+    with progress("trying parameters", planned) as done:
+        report = tuning.tune(
+            walks, symmetric=not free_band, also=extra, budget=budget, jobs=jobs, progress=done
+        )
+    if output is not None:
+        output.write_text(json.dumps(report.config(), indent=2) + "\n", encoding="utf-8")
+    if as_json:
+        say_json(report.as_dict())
+        return
+    _tell(report)
+    if output is not None:
+        say(f"{output}: put it beside main.py as config.json, or its params into yours")
+
+
+def _tell(report: Report) -> None:
+    say("parameter                  before       now  within 10 % of the best")
+    for dimension in report.dimensions:
+        say(_dimension(dimension))
+    say("recording                            distance      before         now  by the others")
+    for judged in report.recordings:
+        say(_recording(judged))
+    least, largest = report.moved
+    say(
+        f"error before / now {report.gain:.2f}; another seed of the particles makes "
+        f"{report.seed_spread:.2f}, thresholds moved by 10 % {least:.2f} to {largest:.2f}"
+    )
+    if report.held_out_gain is not None:
+        what = "a recording" if report.held_out == "recordings" else "half of the truth"
+        say(f"chosen without {what} and judged by it: before / now {report.held_out_gain:.2f}")
+    for text in report.warnings:
+        warn(text)
+    say(f"after {report.evaluations} parameter sets: {_VERDICTS[report.verdict]}")
+
+
+def _dimension(found: Dimension) -> str:
+    span = "any value" if found.inert else f"{found.low:.3g} to {found.high:.3g}"
+    note = ", at the bound" if found.at_bound else ""
+    return f"{found.name:22} {found.start:10.3g}{found.value:10.3g}  {span}{note}"
+
+
+def _recording(judged: Judged) -> str:
+    held = "" if judged.held_out_m is None else f"{judged.held_out_m:13.3f} m"
+    return (
+        f"{judged.name:34.34} {judged.distance_m:8.1f} m {judged.start_m:9.3f} m "
+        f"{judged.tuned_m:9.3f} m{held} ({judged.kind})"
+    )
