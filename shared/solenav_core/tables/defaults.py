@@ -21,19 +21,19 @@ PARAMS = array(
         6560,  # RATE_MAX
         1474560,  # VAR_MAX
         10,  # WINDOW
-        7097243,  # UNREST_RATE
+        2555007,  # UNREST_RATE
         2139951,  # UNREST_ACC
-        7669584,  # UNREST_GROWTH
+        5368709,  # UNREST_GROWTH
         7936,  # UNREST_MAX
-        768,  # UNREST_SURE
-        197,  # STILL_RATE
+        1792,  # UNREST_SURE
+        52,  # STILL_RATE
         100,  # STILL_TICKS
-        4194,  # STILL_GAIN
+        10486,  # STILL_GAIN
         52649051,  # GAMMA
         2581554,  # GAMMA2
-        3355,  # Q_VV_H
-        1678,  # Q_VV_U
-        1074,  # Q_TT
+        5033,  # Q_VV_H
+        6711,  # Q_VV_U
+        107,  # Q_TT
         2000,  # FREEZE_TICKS
         6711,  # P_VV_0
         1288490,  # P_TT_0

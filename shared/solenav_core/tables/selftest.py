@@ -14,20 +14,20 @@ EXPECTED = (
     3195236008,  # full speed
     387045602,  # push
     203279627,  # slower
-    4209057515,  # unrest
-    3208944001,  # detect
-    3855987095,  # grow
-    1712233223,  # shrink
-    51049016,  # head
-    338849876,  # level
-    772507508,  # align
-    529334593,  # roots
-    608664636,  # ratio
-    309280187,  # feed_back
-    1277302901,  # observe
-    454814035,  # adapt
-    497753195,  # weigh
-    603874450,  # update
-    4230690669,  # stood
-    3259048684,  # tick
+    699802000,  # unrest
+    4285616219,  # detect
+    553104100,  # grow
+    3552550540,  # shrink
+    3119000557,  # head
+    3386837791,  # level
+    2534135536,  # align
+    2199187363,  # roots
+    4035035023,  # ratio
+    2052282227,  # feed_back
+    2226158728,  # observe
+    887283018,  # adapt
+    3182782319,  # weigh
+    1162210166,  # update
+    2104473855,  # stood
+    2358076924,  # tick
 )
