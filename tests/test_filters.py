@@ -34,8 +34,10 @@ def walk_of(recording: Recording, folder: Path) -> Walk:
 
 @pytest.fixture(scope="module")
 def ideal(tmp_path_factory: pytest.TempPathFactory) -> Walk:
-    """The loop of 68 m under a sensor whose only error is that it counts."""
-    return walk_of(simulate("loop", errors=IDEAL), tmp_path_factory.mktemp("ideal"))
+    """The loop of 68 m, stance as the truth has it, a sensor whose only error is that it counts."""
+    walk = walk_of(simulate("loop", errors=IDEAL), tmp_path_factory.mktemp("ideal"))
+    assert walk.truth is not None and walk.truth.stance is not None
+    return walk.with_stance(walk.truth.stance)
 
 
 @pytest.fixture(scope="module")

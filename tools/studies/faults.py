@@ -16,13 +16,13 @@ from pathlib import Path
 
 from recordings import walks
 from rich.progress import Progress
+from strict import LIMITS, strictly
 
-from solenav import parameters
 from solenav.compare import figures
 from solenav.compare.metrics import LOST_SHARE
 from solenav.compare.runs import CLEAN, Condition, Run, amount, compare
 from solenav.compare.table import Sheet, to_markdown
-from solenav.filters.walk import Walk, walk_of
+from solenav.filters.walk import Walk
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 SEEDS = 2
@@ -33,10 +33,6 @@ KINDS = {
     "both": [Condition(share, share) for share in SHARES],
 }
 HARD = Condition(0.20, 0.10)
-STRICT = parameters.Settings(
-    accel_min=8.3, accel_max=11.3, rate_max_dps=50.0, accel_variance_max=9.0
-)
-"""A detector for filters that take each decision at its word."""
 FEW = (CLEAN, Condition(0.20, 0.0), Condition(0.0, 0.10), HARD)
 FILTERS = (
     "ins",
@@ -116,12 +112,6 @@ def compared(
             timed=False,
             progress=lambda done: bar.update(task, completed=done),
         )
-
-
-def strictly(walk: Walk) -> Walk:
-    """The walk on the decisions of a detector with the limits of `STRICT`."""
-    params = parameters.to_integers(STRICT, walk.rate_hz)
-    return walk.with_stance(walk_of(walk.counts, params, name=walk.name).stance)
 
 
 def scores(runs: Sequence[Run], name: str, condition: Condition) -> list[Run]:
@@ -226,15 +216,11 @@ def _strict(strict: Sequence[Run]) -> str:
         (name, *(f"{metres(median_m(strict, name, c))} / {lost(strict, name, c)}" for c in FEW))
         for name in dict.fromkeys(run.filter for run in strict)
     ]
-    limits = (
-        f"{STRICT.accel_min:g} to {STRICT.accel_max:g} m/s², {STRICT.rate_max_dps:g} °/s and a "
-        f"variance of {STRICT.accel_variance_max:g} (m/s²)²"
-    )
     return f"""## Rivals on a stricter detector
 
 The core's detector may call a moving foot standing, since the core weighs each decision; a filter
 that takes it at its word wants a stricter one. Here the rivals run on the decisions of a detector
-with {limits}, spoilt in the same way: median error
+with {LIMITS}, spoilt in the same way: median error
 in m and recordings lost, at shares of false and missed.
 
 {to_markdown(Sheet("", head, rows))}

@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from strict import LIMITS, strictly
 
 from solenav import mpu9150, parameters
 from solenav.compare import figures
@@ -41,10 +42,6 @@ POSITION: dict[str, Triple] = {
     "PF": (0.0602, 0.0739, 0.0081),
     "APF": (0.0368, 0.0527, 0.0072),
 }
-STRICT = parameters.Settings(
-    accel_min=8.3, accel_max=11.3, rate_max_dps=50.0, accel_variance_max=9.0
-)
-"""A detector for filters that take each decision at its word."""
 CORE = ("kf-twin", "apf-float", "apf")
 """No rivals: the core's logic in other arithmetic, and the core."""
 TABLE4_EKF_UP = 3.78
@@ -106,12 +103,6 @@ def line(seed: int, settings: parameters.Settings | None = None) -> Walk:
     return walk_of(counts, params, name=f"run {seed}", truth=recording.truth)
 
 
-def strictly(walk: Walk) -> Walk:
-    """The walk on the decisions of a detector with the limits `STRICT`."""
-    seed = int(walk.name.removeprefix("run "))
-    return walk.with_stance(line(seed, STRICT).stance)
-
-
 def bias_left_in(walk: Walk) -> Walk:
     """The walk as a filter sees it that doesn't learn the gyro bias while the foot stands."""
     return replace(walk, start=replace(walk.start, gyro_bias=np.zeros(3)))
@@ -171,7 +162,7 @@ Every filter gets the same samples and static start; the initial heading is the 
 nothing is fitted afterwards. Our rivals are tuned on real recordings (`tools/studies/rivals.py`),
 not on this line. The core's detector may call a moving foot standing, since the core weighs each
 decision; a filter that takes it at its word wants a stricter one. So the rivals are shown on the
-decisions of a strict detector ({_limits()}),
+decisions of a strict detector ({LIMITS}),
 and `kf-twin`, `apf-float` and `apf` on the core's own, unless said otherwise.
 
 ## Tables 2 and 3: errors in stance
@@ -264,13 +255,6 @@ def _final(runs: Sequence[Run]) -> str:
 
 def _signed(e: float, n: float, u: float) -> str:
     return f"{e:.2f}; {n:.2f}; {u:.2f} = {math.hypot(e, n, u):.2f}"
-
-
-def _limits() -> str:
-    return (
-        f"{STRICT.accel_min:g} to {STRICT.accel_max:g} m/s², {STRICT.rate_max_dps:g} °/s, "
-        f"variance {STRICT.accel_variance_max:g} (m/s²)²"
-    )
 
 
 def best_mean(runs: Sequence[Run], strict: Sequence[Run], name: str) -> float:

@@ -1,8 +1,8 @@
 """Tunes the rival filters: `python tools/studies/rivals.py DATA [FILTER ...]`.
 
 DATA is a folder with the public recordings (see recordings.py); a rival gets one parameter set for
-all of them, on the clean detector's stances, with the still-time bias update. It prints a Markdown
-table per rival; what wins stands as the default in `host/solenav/filters/`.
+all of them, on a strict detector's clean stances (strict.py), with the still-time bias update. It
+prints a Markdown table per rival; what wins stands as the default in `host/solenav/filters/`.
 
 The objective is the geometric mean over the recordings of the horizontal error
 (`solenav.compare.metrics`), each held between 0.1 % of the distance (a closure of 0 is luck) and
@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 from recordings import walks
+from strict import strictly
 
 from solenav.compare.metrics import score
 from solenav.errors import SolenavError
@@ -88,7 +89,7 @@ _walks: list[Walk] = []
 
 
 def _load(data: Path) -> None:
-    _walks.extend(walks(data))
+    _walks.extend(map(strictly, walks(data)))
 
 
 def _error(run: Run, tuning: Any, gated: bool, row: int) -> float:

@@ -44,6 +44,11 @@ VALUES: dict[str, tuple[float, ...]] = {
     "rate_max_dps": (25, 35, 40, 45, 50, 60, 70, 85, 100, 120, 150, 200, 300),
     "accel_variance_max": (0.5, 1, 2, 4, 9, 16, 30, 100),
     "window_s": (0.01, 0.02, 0.03, 0.05, 0.06, 0.075),
+    "unrest_rate_dps": (2, 3, 4, 5, 7, 10, 20, 50),
+    "unrest_accel": (0.26, 0.35, 0.5, 0.7, 1, 2, 5),
+    "unrest_s": (0.3, 0.5, 0.7, 1, 1.5, 2, 4),
+    "unrest_max": (3, 7, 15, 31, 63, 126),
+    "unrest_sure": (1, 2, 4, 7, 12, 20),
 }
 UNITS = {
     "accel_max": "m/s²",
@@ -51,6 +56,11 @@ UNITS = {
     "rate_max_dps": "°/s",
     "accel_variance_max": "(m/s²)²",
     "window_s": "s",
+    "unrest_rate_dps": "°/s",
+    "unrest_accel": "m/s²",
+    "unrest_s": "s",
+    "unrest_max": "u",
+    "unrest_sure": "u",
 }
 ABOUT = {
     "accel_max": "C1, above: what the heel's landing and a hurried foot's turning push |a| past.",
@@ -58,6 +68,11 @@ ABOUT = {
     "rate_max_dps": "C2: how slowly the foot must turn. It ends a stance as the heel comes up.",
     "accel_variance_max": "C3: how steady |a| must be over the window.",
     "window_s": "C3: the window. At low rates it holds two or three samples.",
+    "unrest_rate_dps": "Unrest: the rate that makes T = 1. A large one trusts a turning foot.",
+    "unrest_accel": "Unrest: the deviation of |a| from g that makes T = 1.",
+    "unrest_s": "Unrest: how fast the least T of late is forgotten.",
+    "unrest_max": "Unrest of a sample that still observes zero velocity.",
+    "unrest_sure": "Unrest of a sample that has a say in whether the filter is right.",
 }
 MAP_RATES = (30.0, 40.0, 50.0, 65.0, 85.0, 120.0, 180.0, 300.0)
 MAP_ABOVE = (10.8, 11.3, 11.8, 12.3, 13.3, 15.3, 18.0)
@@ -495,7 +510,7 @@ def draw_alone(alone: dict[str, dict[float | None, Outcome]], out: Path) -> None
     """Mean error against each parameter, a line a rate; crosses where recordings are lost."""
     plt = _pyplot()
     with plt.rc_context(plot.STYLE):
-        figure, grid_of = plt.subplots(2, 3, figsize=(11.0, 6.4), sharey=True, layout="constrained")
+        figure, grid_of = plt.subplots(3, 4, figsize=(13.5, 9.0), sharey=True, layout="constrained")
         for axes, (name, found) in zip(grid_of.flat, alone.items(), strict=False):
             values = with_default(name, VALUES[name])
             for (rate, one), colour in zip(found.items(), _COLOURS, strict=True):
@@ -515,8 +530,9 @@ def draw_alone(alone: dict[str, dict[float | None, Outcome]], out: Path) -> None
             axes.set_xlabel(UNITS[name])
         for axes in grid_of[:, 0]:
             axes.set_ylabel("mean error, % of distance")
+        for axes in grid_of.flat[len(alone) :]:
+            axes.axis("off")
         last = grid_of.flat[-1]
-        last.axis("off")
         handles, labels = grid_of.flat[0].get_legend_handles_labels()
         lost = plt.Line2D([], [], color=plot.RED, marker="x", linestyle="none")
         usual = plt.Line2D([], [], color=plot.GREY, linestyle=":")
