@@ -1,37 +1,144 @@
-"""The change indicator: digests of the core over fixed integer samples.
+"""The change indicator: what the core makes of fixed samples, committed with the reason.
 
-    python tests/golden/make.py     rewrites tests/golden/digests.json
+    python tests/golden/make.py "why it changed"
 
-Any change of the core's outcome shows as a change of that file in review. The samples come from
-integer arithmetic alone (`solenav.sim.torture`), so that they are the same on every machine.
+computes the outcomes anew, prints what is different, writes `outcomes.json` and puts the reason
+on top of `REASONS.md`. A change of the core's outcome so shows in review with its cause, as final
+poses and errors, not only as digests. Without a reason nothing is written.
+
+The torture walks (`solenav.sim.torture`) come from integer arithmetic alone, so they are the same
+on every machine. The public recordings are read from the data beside the checkout; only what the
+core makes of them stands here, and their rows are compared where the data are.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
+import sys
 from pathlib import Path
+from typing import Any
 
-from solenav import engines, parameters
-from solenav.sim import torture
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tools" / "studies"))
 
-TARGET = Path(__file__).with_name("digests.json")
+from recordings import walks  # noqa: E402
+
+from solenav import engines, parameters  # noqa: E402
+from solenav.compare.metrics import score  # noqa: E402
+from solenav.engines.traced import trace  # noqa: E402
+from solenav.filters.walk import Track, Walk  # noqa: E402
+from solenav.sim import torture  # noqa: E402
+from solenav_core import layout, navigator  # noqa: E402
+
+OUTCOMES = Path(__file__).with_name("outcomes.json")
+REASONS = Path(__file__).with_name("REASONS.md")
+DATA = ROOT.parent / "shared" / "data"
+RATES_HZ = (100.0, 200.0, 400.0)
 EVERY = 100  # ticks between two digests
+HEAD = "# Why the core's outcomes changed\n\nNewest first; `tests/golden/make.py` writes it.\n"
+
+Outcomes = dict[str, dict[str, Any]]
+
+_AT = layout.offsets(layout.STATE_FIELDS)
 
 
-def digests(engine_name: str) -> dict[str, dict[str, list[str]]]:
-    """Digest after every EVERY-th tick of each run, by rate."""
-    out: dict[str, dict[str, list[str]]] = {}
-    for rate in (100.0, 200.0, 400.0):
+def torture_outcomes(engine_name: str) -> Outcomes:
+    """The torture walks at each rate, with the digest after every EVERY-th tick."""
+    found = {}
+    for rate in RATES_HZ:
         params = parameters.to_integers(parameters.Settings(), rate)
         for case in torture.walks():
             engine = engines.create(engine_name, params)
-            found = []
+            digests = []
             for start in range(0, len(case.counts), EVERY):
                 engine.advance(case.counts, start, min(start + EVERY, len(case.counts)))
-                found.append(f"{engine.digest():08x}")
-            out.setdefault(f"{rate:g} Hz", {})[case.name] = found
-    return out
+                digests.append(f"{engine.digest():08x}")
+            found[f"{case.name}, {rate:g} Hz"] = {**_final(engine.state), "digests": digests}
+    return found
+
+
+def recording_outcomes() -> Outcomes:
+    """Every public recording at its own rate, with its horizontal error."""
+    return {walk.name: _walked(walk) for walk in walks(DATA)}
+
+
+def _walked(walk: Walk) -> dict[str, Any]:
+    run = trace(walk.counts, walk.params)
+    error = score(walk, Track(run.position, run.velocity), with_evo=False).error_m
+    return {
+        **_final(run.state),
+        "stance share": round(float(run.stance.mean()), 4),
+        "horizontal error, m": None if error is None else round(error, 3),
+        "digest": f"{navigator.digest(run.state):08x}",
+    }
+
+
+def _final(state: Any) -> dict[str, Any]:
+    """Where a run ended, and what it counted."""
+    position = [
+        round(4096 * state[_AT["CELL"] + i] + state[_AT["POS"] + i] / 2**18, 5) for i in range(3)
+    ]
+    return {
+        "ticks": state[_AT["TICK"]],
+        "position ENU, m": position,
+        "heading, °": round(state[_AT["HEADING_LAST"]] * 360 / 2**16, 2),
+        "distance, m": round(state[_AT["DISTANCE"]] / 2**10, 3),
+        "steps": state[_AT["STEPS"]],
+        "resampled": state[_AT["RESAMPLED"]],
+        "lock-outs": state[_AT["LOCKOUTS"]],
+    }
+
+
+def differences(before: Outcomes, now: Outcomes) -> list[str]:
+    """A line for each input and field that differs: what it was and what it is."""
+    lines = []
+    for name in dict.fromkeys([*before, *now]):
+        old, new = before.get(name, {}), now.get(name, {})
+        for field in dict.fromkeys([*old, *new]):
+            if old.get(field) != new.get(field):
+                was, is_ = (_brief(each.get(field)) for each in (old, new))
+                lines.append(f"{name}: {field}: was {was}, is {is_}")
+    return lines
+
+
+def _brief(value: Any) -> str:
+    text = "nothing" if value is None else json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def committed() -> dict[str, Outcomes]:
+    """The outcomes of the two kinds of inputs that stand in the repository."""
+    if not OUTCOMES.exists():
+        return {"torture": {}, "recordings": {}}
+    found: dict[str, Outcomes] = json.loads(OUTCOMES.read_text(encoding="utf-8"))
+    return found
+
+
+def fingerprint() -> str:
+    """The first digits of the committed outcomes' SHA-256, which a reason is tied to."""
+    return hashlib.sha256(OUTCOMES.read_bytes()).hexdigest()[:12]
+
+
+def main() -> None:
+    if not DATA.is_dir():
+        sys.exit(f"the recorded data are not beside the checkout ({DATA.name}): nothing written")
+    before = committed()
+    now = {"torture": torture_outcomes("fast"), "recordings": recording_outcomes()}
+    lines = [line for kind in now for line in differences(before[kind], now[kind])]
+    if not lines:
+        sys.exit("nothing changed")
+    print("\n".join(lines))
+    reason = " ".join(sys.argv[1:]).strip()
+    if not reason:
+        sys.exit('\nnothing written: say why, python tests/golden/make.py "why it changed"')
+    text = json.dumps(now, indent=1, ensure_ascii=False) + "\n"
+    OUTCOMES.write_text(text, encoding="utf-8")
+    earlier = REASONS.read_text(encoding="utf-8").removeprefix(HEAD) if REASONS.exists() else ""
+    REASONS.write_text(
+        f"{HEAD}\n- `{fingerprint()}`: {reason}{earlier or chr(10)}", encoding="utf-8"
+    )
 
 
 if __name__ == "__main__":
-    TARGET.write_text(json.dumps(digests("pure"), indent=1) + "\n", encoding="utf-8")
+    main()
