@@ -405,6 +405,15 @@ def test_a_recording_is_compared_on_every_figure(captures: Path) -> None:
     assert "time / reset" in done.stdout
 
 
+def test_a_strict_detector_helps_who_takes_every_decision_at_its_word(captures: Path) -> None:
+    errors = []
+    for options in ((), ("--strict",)):
+        done = solenav("compare", captures / "line.solcap", *options, "--filter=reset", "--json")
+        assert done.returncode == 0, done.stderr
+        errors.append(json.loads(done.stdout)["runs"][0]["error_m"])
+    assert errors[1] < 0.2 * errors[0]
+
+
 def test_csv_json_and_markdown_say_the_same(captures: Path, tmp_path: Path) -> None:
     files = ("--csv", tmp_path / "runs.csv", "--markdown", tmp_path / "runs.md")
     filters = ("--filter", "apf", "--filter", "ekf+gate")

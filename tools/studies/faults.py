@@ -16,11 +16,11 @@ from pathlib import Path
 
 from recordings import walks
 from rich.progress import Progress
-from strict import LIMITS, strictly
 
 from solenav.compare import figures
 from solenav.compare.metrics import LOST_SHARE
 from solenav.compare.runs import CLEAN, Condition, Run, amount, compare
+from solenav.compare.strict import LIMITS, strictly
 from solenav.compare.table import Sheet, to_markdown
 from solenav.filters.walk import Walk
 

@@ -14,12 +14,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from strict import LIMITS, strictly
 
 from solenav import mpu9150, parameters
 from solenav.compare import figures
 from solenav.compare.metrics import Score, score
 from solenav.compare.runs import DEFAULT, Run, compare, every
+from solenav.compare.strict import LIMITS, strictly
 from solenav.compare.table import Sheet, to_markdown
 from solenav.evaluate import Errors
 from solenav.filters import Walk, named

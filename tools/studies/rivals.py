@@ -1,8 +1,9 @@
 """Tunes the rival filters: `python tools/studies/rivals.py DATA [FILTER ...]`.
 
 DATA is a folder with the public recordings (see recordings.py); a rival gets one parameter set for
-all of them, on a strict detector's clean stances (strict.py), with the still-time bias update. It
-prints a Markdown table per rival; what wins stands as the default in `host/solenav/filters/`.
+all of them, on a strict detector's clean stances (`solenav.compare.strict`), with the still-time
+bias update. It prints a Markdown table per rival; what wins stands as the default in
+`host/solenav/filters/`.
 
 The objective is the geometric mean over the recordings of the horizontal error
 (`solenav.compare.metrics`), each held between 0.1 % of the distance (a closure of 0 is luck) and
@@ -26,9 +27,9 @@ from typing import Any
 
 import numpy as np
 from recordings import walks
-from strict import strictly
 
 from solenav.compare.metrics import score
+from solenav.compare.strict import strictly
 from solenav.errors import SolenavError
 from solenav.filters import ekf, particle, reset
 from solenav.filters.walk import Aids, Track, Walk

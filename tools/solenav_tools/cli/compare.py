@@ -51,6 +51,13 @@ def compare(
     missed_share: Annotated[
         float, typer.Option(min=0, max=0.5, help="Share of the stances missed.")
     ] = 0.0,
+    strict: Annotated[
+        bool,
+        typer.Option(
+            help="All on the decisions of a strict detector: fairer to filters that take each "
+            "decision at its word."
+        ),
+    ] = False,
     seeds: Annotated[int, typer.Option(min=1, help="Runs of each, with seeds from 1 up.")] = 1,
     csv: Annotated[Path | None, typer.Option(help="CSV to write, a line a run.")] = None,
     markdown: Annotated[Path | None, typer.Option(help="Markdown (.md) to write.")] = None,
@@ -82,6 +89,10 @@ def compare(
         named(name)
     _check_outputs(csv, markdown, figures)
     walks, skipped = _load(inputs or [])
+    if strict:
+        from solenav.compare.strict import strictly
+
+        walks = list(map(strictly, walks))
     condition = comparing.Condition(false_share, missed_share)
     with progress("comparing filters", comparing.amount(len(walks), 1, seeds)) as done:
         runs = comparing.compare(
