@@ -13,12 +13,14 @@ pytest.importorskip("numba")
 
 from solenav import capture, datasets, engines, importing
 from solenav.errors import SolenavError
-from solenav.filters import FILTERS, Track, Walk, motion, named
+from solenav.filters import FILTERS, Aids, Track, Walk, adaptive, motion, named
+from solenav.filters.adaptive import Variant
 from solenav.filters.walk import load
 from solenav.recording import FloatArray, Recording
 from solenav.sim.imu import IDEAL
 from solenav.sim.scenario import simulate
 from solenav_core import layout
+from solenav_core.params import NAMES
 
 AIDED = [name for name, filter in FILTERS.items() if "gate" in filter.aids]
 CORRECTING = [name for name in FILTERS if name != "ins"]
@@ -221,3 +223,50 @@ def test_the_core_in_floats_stays_with_the_core_on_a_real_walk(
     format: str, file: str, data: Path, tmp_path: Path
 ) -> None:
     assert_floats_agree(walk_of(datasets.read(data / "foot" / file, format), tmp_path))
+
+
+# Variants of the core's algorithm in floats
+
+VARIANTS = [
+    Variant(doubt=0.1),
+    Variant(doubt=0.1, widen=False),
+    Variant(keep=True),
+    Variant(doubt=0.1, widen=False, keep=True),
+    Variant(doubt=0.1, widen=False, per_stance=True),
+    Variant(doubt=0.1, widen=False, per_stance=True, keep=True),
+    Variant(freedom=4.0, widen=False),
+    Variant(tails=True),
+]
+
+
+@pytest.mark.parametrize("variant", VARIANTS, ids=str)
+def test_a_variant_of_the_cloud_follows_the_loop_in_its_own_way(
+    variant: Variant, real: Walk
+) -> None:
+    track = adaptive.particles(real, Aids(), variant)
+    assert rmse(real, track) < 0.25 * rmse(real, named("reset")(real))
+    assert not np.array_equal(track.position, named("apf-float")(real).position)
+
+
+def test_the_twin_with_the_mixture_follows_the_loop_too(real: Walk) -> None:
+    track = adaptive.twin(real, Aids(), Variant(doubt=0.1, widen=False))
+    assert rmse(real, track) < 0.25 * rmse(real, named("reset")(real))
+
+
+def test_a_mixture_refuses_a_false_stance_that_a_plain_likelihood_takes(real: Walk) -> None:
+    begin, end = swings(real)[20]
+    middle = (begin + end) // 2
+    stance = real.stance.copy()
+    stance[middle] = True
+    # A hard decision: every sample of a stance weighs the same.
+    params = real.params[:]
+    for name in ("UNREST_RATE", "UNREST_ACC"):
+        params[NAMES.index(name)] = 0
+    false = replace(real, stance=stance, params=params)
+
+    def change(variant: Variant) -> float:
+        velocity = adaptive.particles(false, Aids(), variant).velocity
+        return float(np.linalg.norm(velocity[middle] - velocity[middle - 1]))
+
+    plain = Variant(widen=False)
+    assert change(plain) > 5 * change(plain._replace(doubt=0.1))

@@ -5,6 +5,9 @@ in one thing: how the velocity error's mean and variance come from the prior and
 `apf-float` has the core's particles (Guo, Xu, Ji 2020, J. Northwestern Polytechnical University
 38(2), section 2), the same random numbers and the same table of Gaussians; `kf-twin` has a scalar
 Kalman filter per axis (Kalman 1960). The twin is what the particles must at least equal.
+
+A `Variant` of either is what might let a cloud do what a Gaussian can't; docs/particles.md tells
+what came of it.
 """
 
 from __future__ import annotations
@@ -29,6 +32,10 @@ _GAUSS = np.array(TABLES[273:573], float).reshape(3, PARTICLES).T / 2**11
 # The core limits what goes into its words; so do the floats, where it makes a difference.
 _V_SEEN = 8.0  # m/s
 _SCATTERED = 16.0  # sigma
+# Variants: the kernel's share of the deviation, the far tenth and what keeps the variance.
+_KERNEL = 0.3
+_FAR = 3.0
+_NEAR = 1.0 / math.sqrt(0.9 + 0.1 * _FAR**2)
 
 
 class Noise(NamedTuple):
@@ -61,13 +68,18 @@ class Noise(NamedTuple):
     seed: int
 
 
+def _sigma(one: int, weight: int) -> float:
+    """The deviation that a weight in the unrest stands for; weight 0 leaves that part out."""
+    return math.sqrt(one / weight) if weight else math.inf
+
+
 def _noise(walk: Walk) -> Noise:
     p = named(walk.params)
     return Noise(
         dt=p["DT"] / 2**30,
         gamma=p["GAMMA"] / 2**30,
-        t_rate=math.sqrt(2**32 / p["UNREST_RATE"]) * 2 * mpu9150.GYRO_RADPS_PER_LSB,
-        t_accel=math.sqrt(2**18 / p["UNREST_ACC"]),
+        t_rate=_sigma(2**32, p["UNREST_RATE"]) * 2 * mpu9150.GYRO_RADPS_PER_LSB,
+        t_accel=_sigma(2**18, p["UNREST_ACC"]),
         t_growth=p["UNREST_GROWTH"] / 2**30,
         u_max=p["UNREST_MAX"] / 2**8,
         u_sure=p["UNREST_SURE"] / 2**8,
@@ -92,17 +104,46 @@ def _noise(walk: Walk) -> Noise:
     )
 
 
-def particles(walk: Walk, aids: Aids) -> Track:
-    """`apf-float`."""
-    return _run(walk, True)
+class Variant(NamedTuple):
+    """Ways to differ from the core.
+
+    `doubt` is how probable it is that the foot moves though it is said to stand; its velocity is
+    then normal with a deviation of `spread` m/s. So an observation's likelihood is a mixture, and
+    far from zero it says nothing more. With `per_stance` the doubt is not each sample's but a
+    stance's: so many of the particles take it for none, and the weights decide. `widen` False
+    leaves out the widening of R by m². With `keep` the cloud is never drawn anew from P_vv but
+    after H1: in swing it grows with P_vv, and H2 resamples it (systematic, with a kernel that
+    leaves mean and variance: Liu and West 2001). `freedom` finite makes the likelihood a Student t
+    of so many degrees. With `tails` a tenth of what is drawn has three times the deviation of the
+    rest, the variance being P_vv as ever.
+
+    The twin knows `widen`, and `doubt` per sample: it takes the Gaussian with the mean and the
+    variance of the mixture (probabilistic data association, Bar-Shalom and Tse 1975).
+    """
+
+    doubt: float = 0.0
+    spread: float = 1.0
+    per_stance: bool = False
+    widen: bool = True
+    keep: bool = False
+    freedom: float = math.inf
+    tails: bool = False
 
 
-def twin(walk: Walk, aids: Aids) -> Track:
-    """`kf-twin`."""
-    return _run(walk, False)
+CORE = Variant()
 
 
-def _run(walk: Walk, particles: bool) -> Track:
+def particles(walk: Walk, aids: Aids, variant: Variant = CORE) -> Track:
+    """`apf-float`, or a variant of it."""
+    return _run(walk, True, variant)
+
+
+def twin(walk: Walk, aids: Aids, variant: Variant = CORE) -> Track:
+    """`kf-twin`, or a variant of it."""
+    return _run(walk, False, variant)
+
+
+def _run(walk: Walk, particles: bool, variant: Variant) -> Track:
     n = len(walk.counts)
     position, velocity = np.zeros((n, 3)), np.zeros((n, 3))
     start = walk.start
@@ -117,6 +158,7 @@ def _run(walk: Walk, particles: bool) -> Track:
         _noise(walk),
         stillness.of_walk(walk, True),
         particles,
+        variant,
         _GAUSS,
         position,
         velocity,
@@ -174,6 +216,74 @@ def _grow(
 
 
 @njit(cache=True)
+def _fatten(cloud: FloatArray, first: int) -> None:
+    """Heavy tails, in place, for particles just drawn from row `first` on; pairs stay pairs."""
+    for i in range(PARTICLES):
+        cloud[i] *= _NEAR * (_FAR if (first + i) % 10 == 0 else 1.0)
+
+
+@njit(cache=True)
+def _doubt(share: float, first: int) -> BoolArray:
+    """Which particles take a stance for none: a share of them, in pairs, as chance has it."""
+    pairs = PARTICLES // 2
+    doubts = np.zeros(PARTICLES, np.bool_)
+    for i in range(PARTICLES):
+        doubts[i] = (_STRIDE * i + first) % pairs < round(share * pairs)
+    return doubts
+
+
+@njit(cache=True)
+def _resample(
+    x: FloatArray, doubts: BoolArray, w: FloatArray, table: FloatArray, first: int
+) -> None:
+    """The cloud by its weights, in place: copies, spread a little."""
+    old, before = x.copy(), doubts.copy()
+    total = w.sum()
+    mean, sigma = np.zeros(3), np.zeros(3)
+    for j in range(3):
+        mean[j] = (w * old[:, j]).sum() / total
+        sigma[j] = math.sqrt((w * (old[:, j] - mean[j]) ** 2).sum() / total)
+    at, summed = 0, w[0]
+    for i in range(PARTICLES):
+        while summed < (i + 0.5) / PARTICLES * total and at < PARTICLES - 1:
+            at += 1
+            summed += w[at]
+        noise = _KERNEL * sigma * table[(first + i) % PARTICLES]
+        x[i] = mean + math.sqrt(1.0 - _KERNEL**2) * (old[at] - mean) + noise
+        doubts[i] = before[at]
+
+
+@njit(cache=True)
+def _log_likelihood(square: float, r: float, doubted: bool, variant: Variant) -> float:
+    """Of a foot whose speed is the root of `square` (m/s)², less that of one at rest for sure."""
+    if variant.freedom < math.inf:
+        return -0.5 * (variant.freedom + 3.0) * math.log1p(square / (variant.freedom * r))
+    stands = -square / (2.0 * r)
+    if variant.doubt == 0.0:
+        return stands
+    wide = variant.spread**2
+    moves = 1.5 * math.log(r / wide) - square / (2.0 * wide)
+    if variant.per_stance:
+        return moves if doubted else stands
+    stands += math.log(1.0 - variant.doubt)
+    moves += math.log(variant.doubt)
+    most = max(stands, moves)
+    return most + math.log(math.exp(stands - most) + math.exp(moves - most))
+
+
+@njit(cache=True)
+def _moves(v: FloatArray, p_vv: FloatArray, r: float, variant: Variant) -> float:
+    """How probable it is, to a Gaussian, that the foot moves."""
+    if variant.doubt == 0.0:
+        return 0.0
+    log_odds = math.log(variant.doubt / (1.0 - variant.doubt))
+    for j in range(3):
+        near, far = p_vv[j] + r, p_vv[j] + variant.spread**2
+        log_odds += 0.5 * (math.log(near / far) + v[j] ** 2 * (1.0 / near - 1.0 / far))
+    return 1.0 / (1.0 + math.exp(-min(max(log_odds, -700.0), 700.0)))
+
+
+@njit(cache=True)
 def _navigate(
     accel: FloatArray,
     gyro: FloatArray,
@@ -185,6 +295,7 @@ def _navigate(
     noise: Noise,
     still: stillness.Still,
     particles: bool,
+    variant: Variant,
     table: FloatArray,
     position: FloatArray,
     velocity: FloatArray,
@@ -197,6 +308,7 @@ def _navigate(
     p_pv, p_vt, p_pt = np.zeros(3), np.zeros(3), np.zeros(3)
     x = np.zeros((PARTICLES, 3))
     log_w, w = np.zeros(PARTICLES), np.ones(PARTICLES)
+    doubts, left = np.zeros(PARTICLES, np.bool_), np.zeros(3)
     reach = np.zeros(3)
     growth = np.zeros(3)
     last, anchor = np.zeros(3), np.zeros(3)
@@ -237,7 +349,7 @@ def _navigate(
         seen = np.minimum(np.maximum(v, -_V_SEEN), _V_SEEN)
         r_eff = noise.r * (1.0 + unrest) ** 2
         m2 = (seen * seen / (p_vv + r_eff)).sum()
-        if m2 > noise.m2_max:
+        if variant.widen and m2 > noise.m2_max:
             r_eff *= (m2 / 2.0) ** 2
 
         # 5, 7. The error's mean and variance.
@@ -246,7 +358,15 @@ def _navigate(
         moved = x
         if particles:
             if not observed:
-                x = _draw(p_vv, table, _row(random), 1)
+                if variant.keep and left.any():
+                    _resample(x, doubts, np.exp(log_w), table, _row(random))
+                    x += _draw(p_vv - left, table, _row(random), _STRIDE)
+                else:
+                    x = _draw(p_vv, table, _row(random), 1)
+                    if variant.tails:
+                        _fatten(x, _row(random))
+                if variant.per_stance:
+                    doubts = _doubt(variant.doubt, _row(random))
                 moved = x.copy()
                 log_w[:] = 0.0
                 reach = 3.18 * np.sqrt(p_vv)
@@ -255,7 +375,7 @@ def _navigate(
                 reach += 3.18 * np.sqrt(growth)
             for i in range(PARTICLES):
                 off = seen - moved[i]
-                log_w[i] -= (off * off).sum() / (2.0 * r_eff)
+                log_w[i] += _log_likelihood((off * off).sum(), r_eff, doubts[i], variant)
             log_w = np.maximum(log_w - log_w.max(), noise.log_floor)
             w = np.exp(log_w)
             total = w.sum()
@@ -266,10 +386,16 @@ def _navigate(
                 var[j] = max(var[j], p_vv[j] * r_eff / (p_vv[j] + r_eff))
             n_eff = total**2 / (w * w).sum()
         else:
+            moves = _moves(seen, p_vv, r_eff, variant)
             for j in range(3):
                 gain = p_vv[j] / (p_vv[j] + r_eff)
                 error[j] = gain * v[j]
                 var[j] = (1.0 - gain) * p_vv[j]
+                if moves > 0.0:
+                    other = p_vv[j] / (p_vv[j] + variant.spread**2)
+                    error[j] += moves * (other - gain) * v[j]
+                    var[j] += moves * (gain - other) * p_vv[j]
+                    var[j] += moves * (1.0 - moves) * ((gain - other) * v[j]) ** 2
 
         # 8, 9. Adaptive threshold and lock-out.
         sure = unrest <= noise.u_sure
@@ -324,11 +450,22 @@ def _navigate(
                     x[i] -= error
                 reach += np.abs(error)
                 anew = bool((reach > _SCATTERED * np.sqrt(p_vv)).any())
+            elif variant.keep and not locked:
+                x = moved - error
             if anew:
-                x = _draw(p_vv, table, _row(random) + PARTICLES // 2, 1)
+                other_half = _row(random) + PARTICLES // 2
+                if variant.keep and not locked:
+                    _resample(x, doubts, w, table, other_half)
+                else:
+                    x = _draw(p_vv, table, other_half, 1)
+                    if variant.tails:
+                        _fatten(x, other_half)
+                    if variant.per_stance:
+                        share = 0.0 if locked else (w * doubts).sum() / w.sum()
+                        doubts = _doubt(share, other_half)
                 log_w[:] = 0.0
                 reach = 3.18 * np.sqrt(p_vv)
 
-        last = p.copy()
+        last, left = p.copy(), p_vv.copy()
         observed = True
         position[n], velocity[n] = p, v
