@@ -447,7 +447,7 @@ def report(found: dict[str, Outcome], tried: dict[str, FloatArray]) -> str:
             _variants(judged),
             "## The mixture's parameters\n",
             _tuning(tried),
-            "## Where a variant wins\n",
+            "## Where a cloud wins\n",
             _wins(found, judged),
         ]
     )
@@ -477,16 +477,17 @@ def _verdict(found: dict[str, Outcome], judged: dict[str, dict[str, Judgement]])
     won = [c for c, row in judged.items() if row[OWN[0]].word == "win"]
     lost = [c for c, row in judged.items() if row[OWN[0]].word == "lose"]
     alone = [f"`{n}` at {c}" for n, c, _control, left in matched(found, judged) if left]
-    most = max((row[OWN[0]].median for row in judged.values()), key=abs)
+    most = max(judged, key=lambda c: abs(judged[c][OWN[0]].median))
     text = (
         f"**`{OWN[0]}` beats `{TWIN}` by more than the spread in {len(won)} of {len(judged)} "
         f"conditions{_listed(won)} and loses in {len(lost)}{_listed(lost)}; its largest change "
-        f"is {percent(most)}. "
+        f"is {percent(judged[most][OWN[0]].median)}, at {most} (spread "
+        f"{math.expm1(judged[most][OWN[0]].spread):.1%}). "
     )
     text += (
-        f"Of the variants' wins, those that no Gaussian control has as well: {'; '.join(alone)}.**"
+        f"Against the best Gaussian control these wins of clouds stand: {'; '.join(alone)}.**"
         if alone
-        else "No variant wins anywhere where a Gaussian control doesn't win as much.**"
+        else "No cloud that wins somewhere beats the best Gaussian control there.**"
     )
     return wrapped(text) + "\n"
 
@@ -569,11 +570,11 @@ def _short(found: Judgement) -> str:
 def matched(
     found: dict[str, Outcome], judged: dict[str, dict[str, Judgement]]
 ) -> list[tuple[str, str, str, bool]]:
-    """Wins of variants: filter, condition, best control, whether it beats that one too."""
+    """Wins of clouds: filter, condition, best control, whether it beats that one too."""
     out = []
     for condition, row in judged.items():
         best = min(CONTROLS, key=lambda name: row[name].median)
-        for name in VARIANTS:
+        for name in (*OWN, *VARIANTS):
             if row[name].word == "win":
                 left = judge(found[condition], name, best).word == "win"
                 out.append((name, condition, best, left))
@@ -588,19 +589,24 @@ def _wins(found: dict[str, Outcome], judged: dict[str, dict[str, Judgement]]) ->
         worst = max(judged, key=lambda c: judged[c][name].median)
         lines.append(
             f"- `{name}` at {condition}: {percent(row[name].median)}; the best control there, "
-            f"`{best}`, has {percent(row[best].median)}, and against it the variant's change is "
+            f"`{best}`, has {percent(row[best].median)}, and against it the cloud's change is "
             f"{percent(against.median)} ({percent(against.low)} to {percent(against.high)}: "
             f"{against.word}). It has {percent(judged['clean'][name].median)} on clean decisions "
             f"and {percent(judged[worst][name].median)} at {worst}."
         )
-    return ("\n".join(lines) if lines else "Nowhere.") + "\n"
+    note = wrapped(
+        "The best control is chosen in each condition by itself; so are the wins, "
+        f"{len(judged) * (len(OWN) + len(VARIANTS))} comparisons without a correction for their "
+        "number."
+    )
+    return f"{note}\n\n" + ("\n".join(lines) if lines else "Nowhere.") + "\n"
 
 
 WHY = """\
 Why a cloud has so little to add: the INS velocity observes its own error, so the likelihood is
 normal but for samples in doubt, and those have little weight by their unrest and by m² already; a
 mixture says the same again. And what a cloud remembers of a dubious stance has to live through a
-swing, in which P_vv grows to many times what the stance left; the samples of the next one decide
+swing, in which P_vv grows to several times what the stance left; the samples of the next one decide
 anew. An error of the foot that is the same in every stance no likelihood can see.
 """
 
