@@ -21,7 +21,7 @@ from numba import njit
 from solenav import mpu9150
 from solenav.filters import motion
 from solenav.filters import still as stillness
-from solenav.filters.walk import Aids, BoolArray, Track, Walk
+from solenav.filters.walk import Aids, BoolArray, Inputs, Track, Walk
 from solenav.parameters import named
 from solenav.recording import FloatArray
 from solenav_core.tables.lookup import TABLES
@@ -146,15 +146,8 @@ def twin(walk: Walk, aids: Aids, variant: Variant = CORE) -> Track:
 def _run(walk: Walk, particles: bool, variant: Variant) -> Track:
     n = len(walk.counts)
     position, velocity = np.zeros((n, 3)), np.zeros((n, 3))
-    start = walk.start
     _navigate(
-        walk.accel,
-        walk.gyro,
-        walk.stance,
-        start.row + 1,
-        start.attitude,
-        start.gyro_bias,
-        start.gravity,
+        walk.inputs(),
         _noise(walk),
         stillness.of_walk(walk, True),
         particles,
@@ -285,13 +278,7 @@ def _moves(v: FloatArray, p_vv: FloatArray, r: float, variant: Variant) -> float
 
 @njit(cache=True)
 def _navigate(
-    accel: FloatArray,
-    gyro: FloatArray,
-    stance: BoolArray,
-    first: int,
-    attitude: FloatArray,
-    gyro_bias: FloatArray,
-    gravity: float,
+    given: Inputs,
     noise: Noise,
     still: stillness.Still,
     particles: bool,
@@ -300,6 +287,7 @@ def _navigate(
     position: FloatArray,
     velocity: FloatArray,
 ) -> None:
+    accel, gyro, stance, first, attitude, gyro_bias, gravity, _dt = given
     random = np.uint32(noise.seed)
     q, bias = attitude.copy(), gyro_bias.copy()
     v, p = np.zeros(3), np.zeros(3)

@@ -18,7 +18,7 @@ from numba import njit
 
 from solenav.filters import motion
 from solenav.filters import still as stillness
-from solenav.filters.walk import Aids, BoolArray, Track, Walk
+from solenav.filters.walk import Aids, Inputs, Track, Walk
 from solenav.recording import FloatArray
 
 
@@ -84,16 +84,8 @@ def run(walk: Walk, aids: Aids, *, states: int, tuning: Tuning | None = None) ->
         t.zupt**2 * walk.rate_hz / 200.0,
         t.gate if aids.gate else math.inf,
     )
-    start = walk.start
     _navigate(
-        walk.accel,
-        walk.gyro,
-        walk.stance,
-        start.row + 1,
-        start.attitude,
-        start.gyro_bias,
-        start.gravity,
-        walk.dt,
+        walk.inputs(),
         noise,
         stillness.of_walk(walk, aids.still),
         np.diag(deviations**2),
@@ -120,20 +112,14 @@ def _matrix(q: FloatArray) -> FloatArray:
 
 @njit(cache=True)
 def _navigate(
-    accel: FloatArray,
-    gyro: FloatArray,
-    stance: BoolArray,
-    first: int,
-    attitude: FloatArray,
-    gyro_bias: FloatArray,
-    gravity: float,
-    dt: float,
+    given: Inputs,
     noise: _Noise,
     still: stillness.Still,
     cov: FloatArray,
     position: FloatArray,
     velocity: FloatArray,
 ) -> None:
+    accel, gyro, stance, first, attitude, gyro_bias, gravity, dt = given
     states = len(cov)
     q, b_g, b_a = attitude.copy(), gyro_bias.copy(), np.zeros(3)
     v, p = np.zeros(3), np.zeros(3)

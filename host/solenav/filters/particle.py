@@ -19,7 +19,7 @@ from numba import njit
 
 from solenav.filters import motion
 from solenav.filters import still as stillness
-from solenav.filters.walk import Aids, BoolArray, Track, Walk
+from solenav.filters.walk import Aids, Inputs, Track, Walk
 from solenav.recording import FloatArray
 
 PARTICLES = 100
@@ -84,16 +84,8 @@ def bootstrap(walk: Walk, aids: Aids, *, tuning: Tuning | None = None) -> Track:
     )
     n = len(walk.counts)
     position, velocity = np.zeros((n, 3)), np.zeros((n, 3))
-    start = walk.start
     _bootstrap(
-        walk.accel,
-        walk.gyro,
-        walk.stance,
-        start.row + 1,
-        start.attitude,
-        start.gyro_bias,
-        start.gravity,
-        walk.dt,
+        walk.inputs(),
         noise,
         stillness.of_walk(walk, aids.still),
         np.random.default_rng(t.seed),
@@ -121,16 +113,8 @@ def literal(walk: Walk, aids: Aids) -> Track:
     """
     n = len(walk.counts)
     position, velocity = np.zeros((n, 3)), np.zeros((n, 3))
-    start = walk.start
     _literal(
-        walk.accel,
-        walk.gyro,
-        walk.stance,
-        start.row + 1,
-        start.attitude,
-        start.gyro_bias,
-        start.gravity,
-        walk.dt,
+        walk.inputs(),
         Table1(),
         LITERAL_GATE if aids.gate else math.inf,
         stillness.of_walk(walk, aids.still),
@@ -201,20 +185,14 @@ def _resampled(random: np.random.Generator, w: FloatArray, x: FloatArray) -> Flo
 
 @njit(cache=True)
 def _bootstrap(
-    accel: FloatArray,
-    gyro: FloatArray,
-    stance: BoolArray,
-    first: int,
-    attitude: FloatArray,
-    gyro_bias: FloatArray,
-    gravity: float,
-    dt: float,
+    given: Inputs,
     noise: _Noise,
     still: stillness.Still,
     random: np.random.Generator,
     position: FloatArray,
     velocity: FloatArray,
 ) -> None:
+    accel, gyro, stance, first, attitude, gyro_bias, gravity, dt = given
     q, bias = attitude.copy(), gyro_bias.copy()
     v, p = np.zeros(3), np.zeros(3)
     x = np.zeros((PARTICLES, 3))
@@ -240,14 +218,7 @@ def _bootstrap(
 
 @njit(cache=True)
 def _literal(
-    accel: FloatArray,
-    gyro: FloatArray,
-    stance: BoolArray,
-    first: int,
-    attitude: FloatArray,
-    gyro_bias: FloatArray,
-    gravity: float,
-    dt: float,
+    given: Inputs,
     table: Table1,
     gate: float,
     still: stillness.Still,
@@ -255,6 +226,7 @@ def _literal(
     position: FloatArray,
     velocity: FloatArray,
 ) -> None:
+    accel, gyro, stance, first, attitude, gyro_bias, gravity, dt = given
     q, bias = attitude.copy(), gyro_bias.copy()
     v, p = np.zeros(3), np.zeros(3)
     x = np.zeros((PARTICLES, 3))

@@ -14,7 +14,7 @@ from numba import njit
 
 from solenav.filters import motion
 from solenav.filters import still as stillness
-from solenav.filters.walk import Aids, BoolArray, Track, Walk
+from solenav.filters.walk import Aids, BoolArray, Inputs, Track, Walk
 from solenav.recording import FloatArray
 
 
@@ -43,19 +43,11 @@ def reset(walk: Walk, aids: Aids, *, tuning: Tuning | None = None) -> Track:
 def _run(walk: Walk, zero: BoolArray, gate: float, aids: Aids) -> Track:
     n = len(walk.counts)
     position, velocity = np.zeros((n, 3)), np.zeros((n, 3))
-    start = walk.start
     _navigate(
-        walk.accel,
-        walk.gyro,
+        walk.inputs(),
         zero,
-        start.row + 1,
-        start.attitude,
-        start.gyro_bias,
-        start.gravity,
-        walk.dt,
         gate,
         stillness.of_walk(walk, aids.still),
-        walk.stance,
         position,
         velocity,
     )
@@ -64,20 +56,14 @@ def _run(walk: Walk, zero: BoolArray, gate: float, aids: Aids) -> Track:
 
 @njit(cache=True)
 def _navigate(
-    accel: FloatArray,
-    gyro: FloatArray,
+    given: Inputs,
     zero: BoolArray,
-    first: int,
-    attitude: FloatArray,
-    gyro_bias: FloatArray,
-    gravity: float,
-    dt: float,
     gate: float,
     still: stillness.Still,
-    stance: BoolArray,
     position: FloatArray,
     velocity: FloatArray,
 ) -> None:
+    accel, gyro, stance, first, attitude, gyro_bias, gravity, dt = given
     q, bias = attitude.copy(), gyro_bias.copy()
     v, p = np.zeros(3), np.zeros(3)
     still_ticks = since = 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from array import array
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,19 @@ class Aids:
 
     still: bool = False
     gate: bool = False
+
+
+class Inputs(NamedTuple):
+    """A walk as numba takes it; `first` is the row that navigation begins with. See `Walk`."""
+
+    accel: FloatArray
+    gyro: FloatArray
+    stance: BoolArray
+    first: int
+    attitude: FloatArray
+    gyro_bias: FloatArray
+    gravity: float
+    dt: float
 
 
 @dataclass(frozen=True)
@@ -62,6 +76,19 @@ class Walk:
     def time_s(self) -> FloatArray:
         """(n,) seconds from the first sample, as ticks count it."""
         return np.arange(len(self.counts), dtype=np.float64) * self.dt
+
+    def inputs(self) -> Inputs:
+        """What a filter's kernel runs on."""
+        return Inputs(
+            self.accel,
+            self.gyro,
+            self.stance,
+            self.start.row + 1,
+            self.start.attitude,
+            self.start.gyro_bias,
+            self.start.gravity,
+            self.dt,
+        )
 
     def with_stance(self, stance: BoolArray) -> Walk:
         """The same walk on other stance decisions."""
