@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 DEMO := demo
 
-.PHONY: demo test lint bench firmware tables clean
+.PHONY: demo test lint bench firmware tables golden clean
 
 demo: $(VENV)/.installed
 	@mkdir -p $(DEMO)
@@ -44,6 +44,10 @@ tables: $(VENV)/.installed
 	$(BIN)/python tools/tables/selftest.py
 	$(BIN)/python tools/tables/protocol.py
 	$(BIN)/python tools/tables/ranges.py
+
+# From the environment, so that a reason may hold quotes.
+golden: $(VENV)/.installed
+	@$(BIN)/python tests/golden/make.py "$$REASON"
 
 $(VENV)/.installed: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10) and "solenav needs Python 3.10 or newer: make PYTHON=python3.11")'

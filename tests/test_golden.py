@@ -42,6 +42,29 @@ def test_a_change_is_told_by_input_and_field() -> None:
     ]
 
 
+def test_of_an_input_s_digests_the_first_that_differs_is_told() -> None:
+    before = {"walk": {"digests": ["01", "02", "03", "04"]}}
+    now = {"walk": {"digests": ["01", "02", "13", "14"]}}
+    assert make.differences(before, now) == [
+        'walk: digest 3, to tick 300: was "03", is "13"',
+    ]
+
+
+def test_outcomes_edited_by_hand_still_get_their_reason(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outcomes, reasons = tmp_path / "outcomes.json", tmp_path / "REASONS.md"
+    outcomes.write_bytes(make.OUTCOMES.read_bytes() + b"\n")
+    reasons.write_bytes(make.REASONS.read_bytes())
+    monkeypatch.setattr(make, "OUTCOMES", outcomes)
+    monkeypatch.setattr(make, "REASONS", reasons)
+    monkeypatch.setattr("sys.argv", ["make.py", "written", "by", "hand"])
+    assert make.newest() != make.fingerprint()
+    make.main()
+    assert make.newest() == make.fingerprint()
+    assert "`: written by hand\n" in reasons.read_text(encoding="utf-8")
+
+
 def test_the_torture_walks_visit_new_states_all_along() -> None:
     found = make.torture_outcomes("fast")
     assert all(len(set(run["digests"])) == len(run["digests"]) for run in found.values())
