@@ -286,6 +286,12 @@ def test_the_command_writes_a_configuration(captured: Path, tmp_path: Path) -> N
     assert "warning: one recording proves little" in " ".join(told.stderr.split())
 
 
+def test_a_configuration_that_cannot_be_written_is_told(captured: Path, tmp_path: Path) -> None:
+    (tmp_path / "folder.json").mkdir()
+    done = solenav("tune", captured, "--closed-loop", "-o", tmp_path / "folder.json", "--budget=16")
+    refused(done, 2, "can't write", "choose another file")
+
+
 def test_the_command_explains_what_it_lacks(captured: Path, tmp_path: Path) -> None:
     refused(solenav("tune", captured), 2, "neither a truth nor a closed loop", "--closed-loop")
     sidecar = captured.with_suffix(".json")

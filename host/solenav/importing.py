@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,18 @@ ROOM_TEMPERATURE = round(
 )
 
 
+def parameters_of(recording: Recording, settings: parameters.Settings | None = None) -> array[int]:
+    """The core's parameters for a recording: its rate, and its heading at the start if known.
+
+    SolenavError for a rate that the core can't run at.
+    """
+    settings = settings or parameters.Settings()
+    if "initial_heading_rad" in recording.notes:
+        heading = math.degrees(recording.notes["initial_heading_rad"])
+        settings = parameters.replace(settings, initial_heading_deg=heading)
+    return parameters.to_integers(settings, recording.rate_hz)
+
+
 def to_capture(
     recording: Recording, path: Path, settings: parameters.Settings | None = None
 ) -> dict[str, Any]:
@@ -26,11 +39,7 @@ def to_capture(
     sample flagged and counted. The recording's own heading at the start, where it has one,
     becomes a parameter. SolenavError for a rate that the core can't run at.
     """
-    settings = settings or parameters.Settings()
-    if "initial_heading_rad" in recording.notes:
-        heading = math.degrees(recording.notes["initial_heading_rad"])
-        settings = parameters.replace(settings, initial_heading_deg=heading)
-    params = parameters.to_integers(settings, recording.rate_hz)
+    params = parameters_of(recording, settings)
     counted = mpu9150.to_counts(recording.accel, recording.gyro)
     full = (counted.counts == -32768) | (counted.counts == 32767)
     flags = full[:, :3].any(axis=1) * messages.CLIPPED_ACC

@@ -30,7 +30,7 @@ from solenav.compare import metrics
 from solenav.engines.traced import Trace, trace
 from solenav.errors import SolenavError
 from solenav.evaluate import last_run
-from solenav.filters.walk import Track, Walk, walk_of
+from solenav.filters.walk import Track, Walk, of_recording, walk_of
 from solenav.parameters import Settings
 from solenav.recording import FloatArray, Recording, Truth
 from solenav_core import params as core
@@ -187,15 +187,8 @@ def from_recording(recording: Recording, *, closed_loop: bool = False) -> Walk:
     SolenavError without a static start, with less than 10 s after it, where the foot never swings,
     and where neither a truth nor a closed loop can judge it.
     """
-    heading = math.degrees(recording.notes.get("initial_heading_rad", 0.0))
-    settings = Settings(initial_heading_deg=heading)
-    walk = walk_of(
-        mpu9150.to_counts(recording.accel, recording.gyro).counts,
-        parameters.to_integers(settings, recording.rate_hz),
-        name=recording.name,
-        truth=_truth(recording.truth, closed_loop),
-    )
-    return _usable(walk)
+    walk = of_recording(recording)
+    return _usable(replace(walk, truth=_truth(walk.truth, closed_loop)))
 
 
 def tune(

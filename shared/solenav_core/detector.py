@@ -1,7 +1,8 @@
 """Zero-velocity detector: C1 force magnitude, C2 angular rate, C3 variance of the magnitude.
 
-Guo, Xu, Ji 2020: C_zero = C1 & C2 & C3. The rate is the one less its bias, so that a large
-zero-rate offset doesn't hide a stance.
+Guo, Xu, Ji 2020: C_zero = C1 & C2 & C3. Beside the decision a sample has its unrest, which says
+what the decision is worth. The rate is the one less its bias, so that a large zero-rate offset
+doesn't hide a stance.
 """
 
 from solenav_core.compat import const, micropython, ptr32

@@ -11,6 +11,7 @@ writes those lines from here and a test compares them.
 """
 
 PARTICLES = 100
+CELL_M = 4096  # a position is so many metres a cell, and POS inside it
 WINDOW_MAX = 31  # 31 squared deviations of 13 bits are the most that fit one word
 
 STATE_FIELDS = (

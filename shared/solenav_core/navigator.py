@@ -76,7 +76,7 @@ def digest(state):
 
 @micropython.viper
 def rest(s: ptr32, p: ptr32, w: ptr32) -> int:
-    """Zero angular rate: a long enough still takes the rate into the bias (step 4)."""
+    """Zero angular rate: a long enough still takes the rate into the bias (step 5)."""
     if s[_S_STILL_TICKS] <= p[_P_STILL_TICKS]:
         return 0
     i = 0

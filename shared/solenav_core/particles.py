@@ -550,7 +550,7 @@ def feed_back(s: ptr32, p: ptr32, w: ptr32, locked: int) -> int:
 
 @micropython.viper
 def update(s: ptr32, p: ptr32, w: ptr32, t: ptr32, fresh: int) -> int:
-    """One stance tick; `fresh` on the first of a stance. 0, 1 (H2) or 3 (H1): drawn anew."""
+    """One stance tick; `fresh` after one that observed nothing. 0, 1 (H2) or 3 (H1): drawn anew."""
     if fresh:
         int(draw(0, 0, s, w, t, 0))
     int(propose(0, 0, s, w, t, fresh))

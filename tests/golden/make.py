@@ -78,7 +78,8 @@ def _walked(walk: Walk) -> dict[str, Any]:
 def _final(state: Any) -> dict[str, Any]:
     """Where a run ended, and what it counted."""
     position = [
-        round(4096 * state[_AT["CELL"] + i] + state[_AT["POS"] + i] / 2**18, 5) for i in range(3)
+        round(layout.CELL_M * state[_AT["CELL"] + i] + state[_AT["POS"] + i] / 2**18, 5)
+        for i in range(3)
     ]
     return {
         "ticks": state[_AT["TICK"]],

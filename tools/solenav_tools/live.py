@@ -10,7 +10,7 @@ from rich.panel import Panel
 from rich.table import Table
 
 from solenav.link import Damage, Frame, unpack
-from solenav_core import messages
+from solenav_core import layout, messages
 
 _MODES = ("idle", "aligning: stand still", "navigating", "sensor fault")
 STALE_S = 1.0
@@ -112,7 +112,9 @@ def heading_deg(attitude: tuple[int, ...]) -> float:
 
 
 def _pose_values(pose: dict[str, Any]) -> dict[str, str]:
-    e, n, u = (c * 4096 + p / 2**18 for c, p in zip(pose["cell"], pose["position"], strict=True))
+    e, n, u = (
+        c * layout.CELL_M + p / 2**18 for c, p in zip(pose["cell"], pose["position"], strict=True)
+    )
     speed = math.hypot(*(v / 2**24 for v in pose["velocity"]))
     stance = "stance" if pose["flags"] & messages.IN_STANCE else "swing"
     trust = ""

@@ -14,6 +14,7 @@ import statistics
 from collections.abc import Sequence
 from pathlib import Path
 
+from pages import DOCS
 from recordings import walks
 from rich.progress import Progress
 
@@ -24,7 +25,6 @@ from solenav.compare.strict import LIMITS, strictly
 from solenav.compare.table import Sheet, to_markdown
 from solenav.filters.walk import Walk
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
 SEEDS = 2
 SHARES = (0.0, 0.05, 0.10, 0.15, 0.20)
 KINDS = {

@@ -11,11 +11,10 @@ import math
 import statistics
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
+from pages import DOCS
 
-from solenav import mpu9150, parameters
 from solenav.compare import figures
 from solenav.compare.metrics import Score, score
 from solenav.compare.runs import DEFAULT, Run, compare, every
@@ -23,10 +22,9 @@ from solenav.compare.strict import LIMITS, strictly
 from solenav.compare.table import Sheet, to_markdown
 from solenav.evaluate import Errors
 from solenav.filters import Walk, named
-from solenav.filters.walk import walk_of
+from solenav.filters.walk import of_recording
 from solenav.sim.scenario import simulate
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
 SEEDS = range(1, 11)
 PAPER = ("EKF", "PF", "APF")
 OURS = ("ekf", "pf", "apf")
@@ -93,14 +91,9 @@ def main() -> None:
     (DOCS / "paper.md").write_text(report(walks, runs, strict, blind), encoding="utf-8")
 
 
-def line(seed: int, settings: parameters.Settings | None = None) -> Walk:
+def line(seed: int) -> Walk:
     """A run of the experiment, as `solenav simulate line35` writes it."""
-    recording = simulate("line35", seed=seed)
-    heading = math.degrees(recording.notes["initial_heading_rad"])
-    settings = replace(settings or parameters.Settings(), initial_heading_deg=heading)
-    counts = mpu9150.to_counts(recording.accel, recording.gyro).counts
-    params = parameters.to_integers(settings, recording.rate_hz)
-    return walk_of(counts, params, name=f"run {seed}", truth=recording.truth)
+    return of_recording(simulate("line35", seed=seed), name=f"run {seed}")
 
 
 def bias_left_in(walk: Walk) -> Walk:
@@ -329,7 +322,7 @@ errors (m, strict decisions) come to the size of the paper's ({theirs}):
 
 The paper doesn't say whether it calibrates at the start; errors of this size suggest that its
 filters were given samples with their bias. `kf-twin`, `apf-float` and `ekf+still` hardly mind,
-since they learn the bias whenever the foot rests (step 4 of [algorithm.md](algorithm.md)).
+since they learn the bias whenever the foot rests (step 5 of [algorithm.md](algorithm.md)).
 
 **Errors in stance.** The velocity of the paper's EKF is decimetres per second off while the foot
 stands: its updates hardly hold. Ours hold. But what is left in stance says little of the way

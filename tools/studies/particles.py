@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 import sys
-import textwrap
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -21,12 +20,14 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from recordings import walks
+from pages import DOCS, wrapped
+from recordings import FLOOR_SHARE, walks
 
 from solenav import mpu9150, parameters
 from solenav.compare.faults import spoil, stances
 from solenav.compare.metrics import LOST_SHARE, score
 from solenav.compare.runs import beginning, reseeded
+from solenav.compare.strict import STRICT
 from solenav.compare.table import Sheet, to_markdown
 from solenav.errors import SolenavError
 from solenav.filters import adaptive, named
@@ -38,17 +39,11 @@ from solenav.sim.gait import SCENARIOS, Gait, Motion, attitude, bump, motion, mu
 from solenav.sim.imu import TABLE1, ideal_samples, rotate, with_errors
 from solenav_core import params as core
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
 FAULT_SEEDS = (1, 2)
 SEEDS, VARIANT_SEEDS = (1, 2, 3, 4), (1, 2)
 """Of the particles."""
-FLOOR_SHARE = 1e-3
-"""A smaller closure counts as so much of the distance: one of 0 is luck. Lost is at most 1."""
 SHARE = 0.20
 RUNNING = "llio SensorConnectData_35_LLIO"
-STRICT = parameters.Settings(
-    accel_min=8.3, accel_max=11.3, rate_max_dps=50.0, accel_variance_max=9.0
-)
 SIMULATED = (1, 2, 3, 4)
 RATE_HZ = 200.0
 TILT_DEG = 4.0
@@ -614,11 +609,6 @@ anew. An error of the foot that is the same in every stance no likelihood can se
 def percent(log_ratio: float) -> str:
     """A change of the error, signed, from the logarithm of a ratio."""
     return f"{100 * math.expm1(log_ratio):+.1f} %"
-
-
-def wrapped(paragraph: str) -> str:
-    """A paragraph in lines of the length that docs/ has."""
-    return textwrap.fill(paragraph, 100, break_long_words=False, break_on_hyphens=False)
 
 
 def draw(found: dict[str, Outcome], out: Path) -> None:

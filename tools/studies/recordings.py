@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from solenav import datasets, mpu9150, parameters
+from solenav import datasets
 from solenav.errors import SolenavError
-from solenav.filters.walk import Walk, walk_of
+from solenav.filters.walk import Walk, of_recording
 from solenav.recording import Recording
 
+FLOOR_SHARE = 1e-3
+"""A smaller error counts as so much of the distance: a closure of 0 is luck. Lost is at most 1."""
 SETS = [
     ("llio", "llio", "*_LLIO.mat", ("right",)),
     ("openshoe", "openshoe", "*.txt", ("right",)),
@@ -43,11 +45,4 @@ def recordings(data: Path) -> list[tuple[str, Recording]]:
 
 def walks(data: Path) -> list[Walk]:
     """Every recording under `data`/foot as filters see it, on the core's default parameters."""
-    return [walk(name, recording) for name, recording in recordings(data)]
-
-
-def walk(name: str, recording: Recording) -> Walk:
-    """A recording as filters see it."""
-    counts = mpu9150.to_counts(recording.accel, recording.gyro).counts
-    params = parameters.to_integers(parameters.Settings(), recording.rate_hz)
-    return walk_of(counts, params, name=name, truth=recording.truth)
+    return [of_recording(recording, name=name) for name, recording in recordings(data)]

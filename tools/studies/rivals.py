@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from recordings import walks
+from recordings import FLOOR_SHARE, walks
 
 from solenav.compare.metrics import score
 from solenav.compare.strict import strictly
@@ -34,7 +34,6 @@ from solenav.errors import SolenavError
 from solenav.filters import ekf, particle, reset
 from solenav.filters.walk import Aids, Track, Walk
 
-FLOOR_SHARE = 1e-3
 WORTH = 1e-3
 FACTORS = (10**0.5, 10**0.25, 10**0.125)
 GATES = 10 ** (np.arange(-2, 13) / 3)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 import sys
-import textwrap
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -20,8 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pages
 from numpy.typing import NDArray
-from recordings import recordings
+from recordings import FLOOR_SHARE, recordings
 from scipy.stats import qmc
 
 from solenav import mpu9150, plot
@@ -32,11 +32,9 @@ from solenav.parameters import Settings
 from solenav.recording import FloatArray, Recording
 from solenav.tune import error_m, from_recording, run
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+wrapped = partial(pages.wrapped, width=110)
 RATES_HZ = (50.0, 100.0, 200.0, 400.0)
 SEEDS = (1, 2)
-FLOOR_SHARE = 1e-3
-"""A smaller error counts as so much of the distance: a closure of 0 is luck. Lost is at most 1."""
 
 VALUES: dict[str, tuple[float, ...]] = {
     "accel_max": (10.3, 10.8, 11.3, 11.8, 12.3, 12.8, 13.8, 15.8, 18.0),
@@ -260,9 +258,9 @@ def study(data: Path) -> None:
         random_found = table.run(random, None)
     pool_settings = [s for m in (maps[None], *others) for s in m.settings] + random
     pool_found = _stacked([m.found for m in (maps[None], *others)] + [random_found])
-    (DOCS / "figures").mkdir(exist_ok=True)
-    draw_alone(alone, DOCS / "figures" / "thresholds.png")
-    draw_maps([*maps.values(), *others], DOCS / "figures" / "thresholds_pairs.png")
+    (pages.DOCS / "figures").mkdir(exist_ok=True)
+    draw_alone(alone, pages.DOCS / "figures" / "thresholds.png")
+    draw_maps([*maps.values(), *others], pages.DOCS / "figures" / "thresholds_pairs.png")
     text = "\n".join(
         [
             _head(table),
@@ -272,7 +270,7 @@ def study(data: Path) -> None:
             _recordings(table, alone),
         ]
     )
-    (DOCS / "thresholds.md").write_text(text, encoding="utf-8")
+    (pages.DOCS / "thresholds.md").write_text(text, encoding="utf-8")
 
 
 def _map(
@@ -323,11 +321,6 @@ def _head(table: Bench) -> str:
         "![Mean error against each parameter](figures/thresholds.png)",
     ]
     return "\n\n".join(map(wrapped, paragraphs)) + "\n"
-
-
-def wrapped(paragraph: str) -> str:
-    """A paragraph in lines of the length that docs/ has."""
-    return textwrap.fill(paragraph, 110, break_long_words=False, break_on_hyphens=False)
 
 
 def _parameter(name: str, found: dict[float | None, Outcome]) -> str:

@@ -17,11 +17,10 @@ from solenav.capture.sidecar import read_sidecar, read_truth
 from solenav.errors import SolenavError
 from solenav.link import FIELDS, NAMES, Damage, Frame, FrameReader, unpack
 from solenav.recording import FloatArray, Truth
-from solenav_core import messages
+from solenav_core import layout, messages
 
 _CODES = {"b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4"}
 _TABLES = (messages.SAMPLE, messages.POSE, messages.STEP, messages.ALIGN, messages.STATUS)
-_CELL_M = 4096.0
 
 
 def dtype(kind: int) -> np.dtype[Any]:
@@ -151,7 +150,7 @@ class Capture:
     def positions(self) -> FloatArray:
         """Position of every pose in metres ENU, (n, 3)."""
         rows = self.poses.rows
-        return rows["cell"] * _CELL_M + rows["position"] / 2**18
+        return rows["cell"] * layout.CELL_M + rows["position"] / 2**18
 
 
 def unwrap(time_us: NDArray[Any]) -> FloatArray:

@@ -24,7 +24,6 @@ from solenav_core import layout, navigator
 from solenav_core.tables.lookup import TABLES
 
 _S = layout.offsets(layout.STATE_FIELDS)
-_CELL_M = 4096.0
 
 # Beyond the core's work area: the imposed decision (-1: none), the row, the start's row, the start.
 _IMPOSED = layout.size(layout.WORK_FIELDS)
@@ -181,7 +180,7 @@ def trace(
         ),
         attitude=words["ATT"] / 2**30,
         velocity=words["VEL"] / 2**24,
-        position=words["CELL"] * _CELL_M + words["POS"] / 2**18,
+        position=words["CELL"] * layout.CELL_M + words["POS"] / 2**18,
         gyro_bias=words["BIAS"] * bias_unit,
         p_vv=words["P_VV"] / 2**26,
         m2=words["M2"] / 2**10,

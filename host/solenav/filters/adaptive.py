@@ -1,6 +1,6 @@
 """`apf-float` and `kf-twin`: the core's adaptive zero-velocity update, in floats.
 
-Both are the algorithm of docs/algorithm.md, steps 1 to 11, with the core's parameters, and differ
+Both are the algorithm of docs/algorithm.md, steps 1 to 12, with the core's parameters, and differ
 in one thing: how the velocity error's mean and variance come from the prior and the observation.
 `apf-float` has the core's particles (Guo, Xu, Ji 2020, J. Northwestern Polytechnical University
 38(2), section 2), the same random numbers and the same table of Gaussians; `kf-twin` has a scalar
@@ -333,14 +333,14 @@ def _navigate(
             position[n], velocity[n] = p, v
             continue
 
-        # 6. Adaptive observation noise.
+        # 7. Adaptive observation noise.
         seen = np.minimum(np.maximum(v, -_V_SEEN), _V_SEEN)
         r_eff = noise.r * (1.0 + unrest) ** 2
         m2 = (seen * seen / (p_vv + r_eff)).sum()
         if variant.widen and m2 > noise.m2_max:
             r_eff *= (m2 / 2.0) ** 2
 
-        # 5, 7. The error's mean and variance.
+        # 6, 8. The error's mean and variance.
         error, var = np.zeros(3), np.zeros(3)
         n_eff = float(PARTICLES)
         moved = x
@@ -385,7 +385,7 @@ def _navigate(
                     var[j] += moves * (gain - other) * p_vv[j]
                     var[j] += moves * (1.0 - moves) * ((gain - other) * v[j]) ** 2
 
-        # 8, 9. Adaptive threshold and lock-out.
+        # 9, 10. Adaptive threshold and lock-out.
         sure = unrest <= noise.u_sure
         if sure and m2 > noise.m2_max:
             inconsistent += 1
@@ -400,7 +400,7 @@ def _navigate(
             error = v.copy()
             var[:] = noise.p_vv_h1
 
-        # 10. Feedback.
+        # 11. Feedback.
         phi = np.zeros(3)
         for j in range(3):
             rho = min(1.0, var[j] / p_vv[j])
@@ -422,7 +422,7 @@ def _navigate(
         p[2] += phi[0] * (p[1] - anchor[1]) - phi[1] * (p[0] - anchor[0])
         motion.turn(q, phi)
 
-        # 11. What starts anew.
+        # 12. What starts anew.
         if locked:
             inconsistent = since = 0
             for j in range(3):

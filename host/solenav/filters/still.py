@@ -1,6 +1,6 @@
 """The still-time update of the gyro bias: what helps the core helps every rival.
 
-Where the foot hasn't turned for a while, the rate is the bias (docs/algorithm.md, step 4).
+Where the foot hasn't turned for a while, the rate is the bias (docs/algorithm.md, step 5).
 """
 
 from __future__ import annotations

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solenav import mpu9150
+from solenav import importing, mpu9150
 from solenav.capture.contents import Capture
 from solenav.engines.traced import Start, trace
 from solenav.errors import SolenavError
-from solenav.recording import FloatArray, Truth
+from solenav.recording import FloatArray, Recording, Truth
 
 BoolArray = NDArray[np.bool_]
 
@@ -124,6 +124,16 @@ def walk_of(
     return Walk(
         name, rate_hz, counts, params, accel, gyro, own.start, stance, stance, distance_m, truth
     )
+
+
+def of_recording(recording: Recording, *, name: str | None = None) -> Walk:
+    """The walk of a recording as MPU-9150 counts, on the default parameters.
+
+    SolenavError where the core found no static start.
+    """
+    counts = mpu9150.to_counts(recording.accel, recording.gyro).counts
+    params = importing.parameters_of(recording)
+    return walk_of(counts, params, name=name or recording.name, truth=recording.truth)
 
 
 def load(capture: Capture) -> Walk:

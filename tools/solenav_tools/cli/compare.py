@@ -17,7 +17,7 @@ from rich.console import Console
 from solenav import capture
 from solenav.errors import SolenavError
 from solenav.evaluate import last_run
-from solenav_tools.cli.output import Json, check_output, progress, say, say_json, warn
+from solenav_tools.cli.output import Json, check_output, progress, say, say_json, warn, write_text
 
 if TYPE_CHECKING:
     # They need numba, which the other commands do without.
@@ -185,12 +185,7 @@ def _write(runs: list[Run], csv: Path | None, markdown: Path | None) -> None:
 
     for path, text in ((csv, table.to_csv), (markdown, _markdown)):
         if path is not None:
-            try:
-                path.write_text(text(runs), encoding="utf-8")
-            except OSError as error:
-                raise SolenavError(
-                    f"can't write {path}: {error.strerror}", "choose another file"
-                ) from None
+            write_text(path, text(runs))
 
 
 def _markdown(runs: list[Run]) -> str:

@@ -61,3 +61,11 @@ def check_output(path: Path, suffix: str) -> Path:
     if not path.parent.is_dir():
         raise SolenavError(f"there is no folder {path.parent}", f"mkdir -p {path.parent}")
     return path
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a small file. SolenavError where that fails."""
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise SolenavError(f"can't write {path}: {error.strerror}", "choose another file") from None

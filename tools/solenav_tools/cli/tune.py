@@ -12,7 +12,7 @@ import typer
 from solenav import capture
 from solenav.capture.sidecar import sidecar_path
 from solenav.errors import SolenavError
-from solenav_tools.cli.output import Json, check_output, progress, say, say_json, warn
+from solenav_tools.cli.output import Json, check_output, progress, say, say_json, warn, write_text
 
 if TYPE_CHECKING:
     # It needs numba, which the other commands do without.
@@ -68,7 +68,7 @@ def tune(
             walks, symmetric=not free_band, also=extra, budget=budget, jobs=jobs, progress=done
         )
     if output is not None:
-        output.write_text(json.dumps(report.config(), indent=2) + "\n", encoding="utf-8")
+        write_text(output, json.dumps(report.config(), indent=2) + "\n")
     if as_json:
         say_json(report.as_dict())
         return
