@@ -150,7 +150,7 @@ class Capture:
     def positions(self) -> FloatArray:
         """Position of every pose in metres ENU, (n, 3)."""
         rows = self.poses.rows
-        return rows["cell"] * layout.CELL_M + rows["position"] / 2**18
+        return rows["cell"].astype(np.float64) * layout.CELL_M + rows["position"] / 2**18
 
 
 def unwrap(time_us: NDArray[Any]) -> FloatArray:
