@@ -49,6 +49,8 @@ def to_capture(
         counted.counts,
         np.full(len(counted.counts), ROOM_TEMPERATURE, np.int16),
         flags.astype(np.uint8),
+        np.zeros((len(counted.counts), 3), np.int16),
+        np.zeros(len(counted.counts), np.uint8),
     )
     notes = {
         "name": recording.name,
