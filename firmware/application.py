@@ -225,7 +225,12 @@ class Application:
             reports.snapshot(self.link, self.state[_TICK], self.state)
 
     def status(self):
-        reports.status(self.link, self.state[_TICK], self.mode, self.sampler, self.worst)
+        temperature = self.sensor.temperature()
+        # fmt: off
+        reports.status(
+            self.link, self.state[_TICK], self.mode, self.sampler, temperature, self.worst
+        )
+        # fmt: on
 
     def log(self, level, text):
         reports.log(self.link, self.state[_TICK], level, text)

@@ -13,6 +13,7 @@ from solenav_core.messages import (
     FORMATS,
     HELLO,
     LOG,
+    NOT_TESTED,
     PARAMS,
     SAMPLE,
     SCHEMA,
@@ -32,7 +33,7 @@ def hello(link, tick, params, pose_every, kind, board, build, failed_test):
     # fmt: off
     pack_into(
         FORMATS[HELLO], link.frame, HEADER, SCHEMA, build[0], crc32(params), params[_RATE],
-        pose_every, kind, machine.reset_cause() & 255, failed_test,
+        pose_every, kind, machine.reset_cause() & 255, failed_test, NOT_TESTED,
     )
     # fmt: on
     link.send(HELLO, tick, _append(link.frame, HEADER + SIZES[HELLO], text))
@@ -40,8 +41,7 @@ def hello(link, tick, params, pose_every, kind, board, build, failed_test):
 
 def parameters(link, tick, params):
     """Every parameter as the core has it."""
-    pack_into(FORMATS[PARAMS], link.frame, HEADER, *params)
-    link.send(PARAMS, tick, HEADER + SIZES[PARAMS])
+    _fragments(link, PARAMS, tick, params)
 
 
 def sample(link, tick, sampler, temperature):
@@ -50,7 +50,7 @@ def sample(link, tick, sampler, temperature):
     # fmt: off
     pack_into(
         FORMATS[SAMPLE], link.frame, HEADER, sampler.time, m[0], m[1], m[2], m[3], m[4], m[5],
-        temperature, sampler.flags,
+        m[6], m[7], m[8], temperature, m[9] & 255, m[9] >> 8,
     )
     # fmt: on
     link.send(SAMPLE, tick, HEADER + SIZES[SAMPLE])
@@ -58,27 +58,19 @@ def sample(link, tick, sampler, temperature):
 
 def snapshot(link, tick, state):
     """The whole state, in as many frames as it takes."""
-    total = 4 * len(state)
-    # The array's own bytes: copying word by word would take longer than a sample period.
-    data = uctypes.bytearray_at(uctypes.addressof(state), total)
-    at = HEADER + SIZES[SNAPSHOT]
-    most = HEADER + PAYLOAD_MAX - at
-    for offset in range(0, total, most):
-        size = min(most, total - offset)
-        pack_into(FORMATS[SNAPSHOT], link.frame, HEADER, offset, total)
-        link.frame[at : at + size] = data[offset : offset + size]
-        link.send(SNAPSHOT, tick, at + size)
+    _fragments(link, SNAPSHOT, tick, state)
 
 
-def status(link, tick, mode, sampler, worst):
+def status(link, tick, mode, sampler, temperature, worst):
     """Counters. Collects garbage first, so that the heap figure is what is really free."""
     gc.collect()
     dropped = link.outbox.dropped
     # fmt: off
     pack_into(
         FORMATS[STATUS], link.frame, HEADER, mode, sampler.samples, sampler.overruns,
-        sampler.gaps, sampler.bus_errors, sampler.recoveries, sampler.clipped, dropped[0],
-        dropped[1], dropped[2], link.damaged, sampler.period(), worst, gc.mem_free(),
+        sampler.gaps, sampler.lost, 0, 0, sampler.bus_errors, sampler.recoveries, 400,
+        sampler.clipped, dropped[0], dropped[1], dropped[2], link.damaged, 0, 0, 0, temperature,
+        sampler.period(), worst, gc.mem_free(),
     )
     # fmt: on
     link.send(STATUS, tick, HEADER + SIZES[STATUS])
@@ -88,6 +80,19 @@ def log(link, tick, level, text):
     """A line for a person; `level` is an index into `messages.LEVELS`."""
     link.frame[HEADER] = level
     link.send(LOG, tick, _append(link.frame, HEADER + SIZES[LOG], text))
+
+
+def _fragments(link, kind, tick, words):
+    total = 4 * len(words)
+    # The array's own bytes: copying word by word would take longer than a sample period.
+    data = uctypes.bytearray_at(uctypes.addressof(words), total)
+    at = HEADER + SIZES[kind]
+    most = HEADER + PAYLOAD_MAX - at
+    for offset in range(0, total, most):
+        size = min(most, total - offset)
+        pack_into(FORMATS[kind], link.frame, HEADER, offset, total)
+        link.frame[at : at + size] = data[offset : offset + size]
+        link.send(kind, tick, at + size)
 
 
 def _append(frame, at, text):

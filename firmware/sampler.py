@@ -9,6 +9,8 @@ from solenav_core.compat import const
 from solenav_core.navigator import new_sample
 
 _GAP_BEFORE = const(4)  # messages.GAP_BEFORE
+_LOST_MAX = const(127)  # messages.LOST_MAX
+_I_FLAGS = const(9)
 _FAILURES_MAX = const(3)
 _SILENT_PERIODS = const(10)
 _FRACTION = const(14)  # bits of the learned period: 20 ms still fit a small int
@@ -29,6 +31,7 @@ class Sampler:
         self.samples = 0
         self.overruns = 0
         self.gaps = 0
+        self.lost = 0
         self.bus_errors = 0
         self.recoveries = 0
         self.clipped = 0
@@ -42,6 +45,7 @@ class Sampler:
         self._last = ticks_us()
         self._failures = 0
         self._gap = False
+        self._missing = 0  # samples lost since the last good one
         # Made once: a bound method made per call would be allocated anew.
         self._handler = self._on_pulse
 
@@ -49,6 +53,7 @@ class Sampler:
         """Sample afresh; the sensor must be awake. Returns its rate in mHz; SensorError."""
         self.samples = 0
         self._gap = False
+        self._missing = 0
         return self._run()
 
     def resume(self):
@@ -88,10 +93,12 @@ class Sampler:
         elapsed = self._pass_time(stamp)
         if fresh > 1:
             self.overruns += fresh - 1
+            self._missing += fresh - 1
             self._gap = True
         elif self.samples and not self._gap:
             self._period += ((elapsed << _FRACTION) - self._period) >> _GAIN
         if not self._transfer():
+            self._missing += 1
             self._gap = True
             return False
         self.samples += 1
@@ -100,7 +107,10 @@ class Sampler:
         if self._gap:
             self.flags |= _GAP_BEFORE
             self.gaps += 1
-            self._gap = False
+            self.lost += self._missing
+        self.sample[_I_FLAGS] = self.flags | (min(self._missing, _LOST_MAX) << 8)
+        self._gap = False
+        self._missing = 0
         return True
 
     def period(self):

@@ -20,7 +20,8 @@ from solenav_core import messages
 
 
 def sample(tick: int) -> bytes:
-    payload = (tick * 5000 % 2**32).to_bytes(4, "little") + bytes(15)
+    rest = messages.SIZES[messages.SAMPLE] - 4
+    payload = (tick * 5000 % 2**32).to_bytes(4, "little") + bytes(rest)
     return link.encode(messages.SAMPLE, tick, tick, payload)
 
 

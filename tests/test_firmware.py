@@ -150,7 +150,7 @@ def test_what_a_run_begins_with(standing: Client) -> None:
     assert board == "simulated"
     assert micropython.startswith("MicroPython 1.")
     assert parameters.name == "PARAMS"
-    assert parameters.fields["values"] == tuple(PARAMS)
+    assert parameters.fields["data"] == PARAMS.tobytes()
     assert not standing.texts()
 
 

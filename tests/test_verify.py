@@ -154,11 +154,14 @@ def test_two_runs_in_one_capture_are_both_proven(replayed: Path, tmp_path: Path)
 
 
 def test_other_parameters_are_another_run(replayed: Path, tmp_path: Path) -> None:
-    at = 4 * messages.NAMES.index("R")
+    # Past the fragment's own header; the first fragment holds R.
+    at = messages.SIZES[messages.PARAMS] + 4 * messages.NAMES.index("R")
     path = rewritten(
         replayed,
         tmp_path / "x.solcap",
-        lambda f: [flip(f, at + 1, 0x40)] if f.kind == messages.PARAMS else [f],
+        lambda f: (
+            [flip(f, at + 1, 0x40)] if f.kind == messages.PARAMS and len(f.payload) > at else [f]
+        ),
     )
     report = check(path)
     # The first tick after the static start shows it already.

@@ -61,9 +61,9 @@ def to_counts(accel: FloatArray, gyro: FloatArray) -> Counts:
 
 
 def from_counts(counts: NDArray[np.int16]) -> tuple[FloatArray, FloatArray]:
-    """Specific force (n, 3) in m/s² and rate (n, 3) in rad/s of `counts` (n, 6)."""
+    """Specific force (n, 3) in m/s² and rate (n, 3) in rad/s of `counts` (n, 6 or more)."""
     values = counts.astype(np.float64)
-    return values[:, :3] * ACCEL_MPS2_PER_LSB, values[:, 3:] * GYRO_RADPS_PER_LSB
+    return values[:, :3] * ACCEL_MPS2_PER_LSB, values[:, 3:6] * GYRO_RADPS_PER_LSB
 
 
 def mag_to_counts(field: FloatArray) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:

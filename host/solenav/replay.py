@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solenav import engines
-from solenav.capture.contents import Capture, unwrap
+from solenav.capture.contents import Capture, unwrap, words
 from solenav.capture.file import CaptureWriter
 from solenav.capture.sidecar import truth_notes, write_sidecar, write_truth
 from solenav.engines.source import fingerprint
@@ -21,25 +21,37 @@ from solenav.link import FrameWriter
 from solenav.recording import Truth
 from solenav_core import messages, navigator
 
-FRAGMENT = 192  # bytes of state in one SNAPSHOT frame
+FRAGMENT = 192  # bytes of state or parameters in one frame
 _BUFFER = 256
 
 
 @dataclass
 class Samples:
-    """Raw samples: `time_us` (n,) board time, `counts` (n, 6), `temperature`, `flags` (n,)."""
+    """Raw samples, as SAMPLE has them.
+
+    `time_us` (n,) board time, `counts` (n, 6) ax ay az gx gy gz, `mag` (n, 3) counts,
+    `temperature`, `flags` and `lost` (n,).
+    """
 
     time_us: NDArray[np.int64]
     counts: NDArray[np.int16]
     temperature: NDArray[np.int16]
     flags: NDArray[np.uint8]
+    mag: NDArray[np.int16]
+    lost: NDArray[np.uint8]
+
+    @property
+    def words(self) -> NDArray[np.int16]:
+        """The samples as the core takes them, (n, 10)."""
+        return words(self.counts, self.mag, self.flags, self.lost)
 
 
 def samples_of(capture: Capture) -> Samples:
     """A capture's samples, those before a restart or gap included."""
     rows = capture.samples.rows
     time_us = np.rint(unwrap(rows["time"]) * 1e6).astype(np.int64)
-    return Samples(time_us, capture.sample_counts, rows["temperature"], rows["flags"])
+    counts = capture.sample_counts[:, :6]
+    return Samples(time_us, counts, rows["temperature"], rows["flags"], rows["mag"], rows["lost"])
 
 
 class _Pen:
@@ -64,8 +76,10 @@ def _pack_sample(buffer: bytearray, at: int, samples: Samples, row: int) -> int:
         at,
         int(samples.time_us[row]) & 0xFFFFFFFF,
         *samples.counts[row].tolist(),
+        *samples.mag[row].tolist(),
         int(samples.temperature[row]),
         int(samples.flags[row]),
+        int(samples.lost[row]),
     )
     return at + messages.SIZES[messages.SAMPLE]
 
@@ -85,17 +99,18 @@ def _opening(pen: _Pen, params: array[int], text: str, pose_every: int) -> bytes
         0,
         0,
         0,
+        messages.NOT_TESTED,
     )
     payload = bytes(hello[: messages.SIZES[messages.HELLO]]) + text.encode()
     frames = pen.frames.frame(messages.HELLO, 0, payload)
-    return frames + pen.frames.frame(messages.PARAMS, 0, params.tobytes())
+    return frames + b"".join(fragments(pen.frames, messages.PARAMS, 0, params.tobytes()))
 
 
-def fragments(pen: FrameWriter, tick: int, state: bytes) -> Iterator[bytes]:
-    """The SNAPSHOT frames of a state."""
-    for offset in range(0, len(state), FRAGMENT):
-        head = offset.to_bytes(2, "little") + len(state).to_bytes(2, "little")
-        yield pen.frame(messages.SNAPSHOT, tick, head + state[offset : offset + FRAGMENT])
+def fragments(pen: FrameWriter, kind: int, tick: int, data: bytes) -> Iterator[bytes]:
+    """The frames of a message that comes in fragments: SNAPSHOT or PARAMS."""
+    for offset in range(0, len(data), FRAGMENT):
+        head = offset.to_bytes(2, "little") + len(data).to_bytes(2, "little")
+        yield pen.frame(kind, tick, head + data[offset : offset + FRAGMENT])
 
 
 def write_samples(
@@ -142,12 +157,13 @@ def replay(
     params = capture.params[0][1]
     samples = samples_of(capture)
     runner = engines.create(engine, params)
+    rows = samples.words
     every = round(snapshot_s * capture.rate_hz())
     pen = _Pen()
     with CaptureWriter(path, flush=False) as writer:
         writer.write(0.0, _opening(pen, params, f"replay on {engine}", pose_every))
         for row in range(len(samples.counts)):
-            _row, events = runner.advance(samples.counts, row, row + 1)
+            _row, events = runner.advance(rows, row, row + 1)
             tick = row + 1
             data = pen.sample(tick, samples, row)
             data += _after_tick(pen, runner, tick, events, pose_every, every)
@@ -172,5 +188,5 @@ def _after_tick(
     if runner.navigating and tick % pose_every == 0:
         data += pen.packed(messages.POSE, tick, messages.pack_pose, state, runner.params)
     if every and tick % every == 0:
-        data += b"".join(fragments(pen.frames, tick, runner.snapshot()))
+        data += b"".join(fragments(pen.frames, messages.SNAPSHOT, tick, runner.snapshot()))
     return data

@@ -91,7 +91,7 @@ class _Run:
         self.report = Report(engine, samples=len(capture.samples))
         self.counts = capture.sample_counts
         self.ticks = capture.samples.tick
-        self.params = capture.params[0][1]
+        self.params = capture.params[0][1][:]
         self.engine = engines.create(engine, self.params)
         self.tick = 0
         self.row = 0
@@ -99,17 +99,31 @@ class _Run:
         self.waiting = 0  # ticks since the last comparison of this stretch
         self.last_compared = (-1, -1)
 
-    def restart(self, params: array[int]) -> None:
-        self.params = params
-        self.engine = engines.create(self.report.engine, params)
+    def restart(self) -> None:
+        self.engine = engines.create(self.report.engine, self.params)
         self.waiting = 0
+
+    def change(self, params: array[int]) -> None:
+        """Parameters that hold from the next tick on."""
+        self.params[:] = params
+
+    def join(self, tick: int, state: bytes) -> None:
+        """Go on from a snapshot."""
+        if tick != self.tick:
+            # The board itself went on from another state: after a restart or a long gap.
+            self.report.gaps += 1
+            self.report.missing_samples += max(0, tick - self.tick)
+            self.tick = tick
+            self.waiting = 0
+        self.engine.restore(state)
+        self.in_step = True
 
     def samples_until(self, row: int) -> None:
         """Take the samples up to, not including, `row`."""
         while self.row < row:
             tick = int(self.ticks[self.row])
             if tick == 1:
-                self.restart(self.params)
+                self.restart()
                 self.in_step = True
             elif tick != self.tick + 1:
                 self.report.gaps += 1
@@ -163,14 +177,11 @@ def verify(
     for (_order, kind, tick, payload), row in zip(items, rows, strict=True):
         run.samples_until(int(row))
         if kind == messages.PARAMS:
-            if payload != run.params.tobytes():
-                run.restart(array("i", payload))
-                run.in_step = False  # until the next run starts or a snapshot comes
+            run.change(array("i", payload))
+        elif kind == messages.SNAPSHOT and (tick != run.tick or not run.in_step):
+            run.join(tick, payload)
         elif tick != run.tick:
             continue  # its own sample is missing; the gap shows at the next one
-        elif kind == messages.SNAPSHOT and not run.in_step:
-            run.engine.restore(payload)
-            run.in_step = True
         elif run.in_step:
             difference = _compare(run.engine, kind, tick, payload)
             if difference is not None:

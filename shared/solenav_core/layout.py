@@ -99,6 +99,8 @@ WORK_FIELDS = (
 SAMPLE_FIELDS = (
     ("ACC", 3, "", "counts, right front up of the sensor"),
     ("GYRO", 3, "", "counts"),
+    ("MAG", 3, "", "counts, in the accelerometer's axes"),
+    ("FLAGS", 1, "", "of the message SAMPLE, and 256 times the samples lost before this one"),
 )
 
 TABLE_FIELDS = (

@@ -33,18 +33,26 @@ ASK_SNAPSHOT = 0x43
 CLIPPED_ACC = 1
 CLIPPED_GYRO = 2
 GAP_BEFORE = 4
+MAG_NEW = 8
+MAG_BAD = 16
+
+LOST_MAX = 127  # what SAMPLE says of lost samples stops here
 
 # POSE flags
 IN_STANCE = 1
 NAVIGATING = 2
 FROZEN = 4  # so long without stance that the covariance stopped growing
 SATURATED = 8  # the velocity has been at its limit since the static start
+GAP = 16  # more samples were lost since the static start than can be bridged
+RESUMED = 32  # position and heading go on from before a long gap or a restart
 
 # STATUS modes
-IDLE, ALIGNING, RUNNING, FAULT = 0, 1, 2, 3
+IDLE, ALIGNING, RUNNING, FAULT, RESUMING = 0, 1, 2, 3, 4
 
 # ACK results
 DONE, REPEATED, UNKNOWN, REFUSED = 0, 1, 2, 3
+
+NOT_TESTED = 128  # HELLO's sensor_test
 
 LEVELS = ("info", "warning", "error")
 
@@ -63,12 +71,13 @@ MESSAGES = (
             ("pose_every", "H", 1, "ticks", "a POSE on every so many ticks"),
             ("sensor", "B", 1, "", "0 none, 1 MPU-6050, 2 MPU-9150"),
             ("boot_reason", "B", 1, "", "machine.reset_cause()"),
+            ("self_test", "B", 1, "", "of the core: 0 passed, else the failed test, from 1"),
             (
-                "self_test",
+                "sensor_test",
                 "B",
                 1,
                 "",
-                "0 passed, else the failed test, from 1",
+                "of the sensor: 1 accelerometer failed, 2 gyro, 4 magnetometer, 128 not run",
             ),
             ("text", "*", 0, "UTF-8", "board; firmware version; MicroPython"),
         ),
@@ -76,8 +85,12 @@ MESSAGES = (
     (
         PARAMS,
         "PARAMS",
-        "after HELLO",
-        (("values", "i", len(NAMES), "", "every parameter, in the order of the core's list"),),
+        "after HELLO and on change, in fragments; they hold from the next tick on",
+        (
+            ("offset", "H", 1, "bytes", "where the fragment goes"),
+            ("total", "H", 1, "bytes", "size of all parameters"),
+            ("data", "*", 0, "", "every parameter, in the order of the core's list, 4 bytes each"),
+        ),
     ),
     (
         ALIGN,
@@ -102,8 +115,17 @@ MESSAGES = (
             ("time", "I", 1, "µs", "board time of the sample, wraps at 2**32"),
             ("acc", "h", 3, "counts", "accelerometer, 2048 a g"),
             ("gyro", "h", 3, "counts", "gyro, 16.4 a °/s"),
+            ("mag", "h", 3, "0.3 µT", "magnetometer's last reading, axes of the accelerometer"),
             ("temperature", "h", 1, "1/340 °C", "die temperature less 35 °C"),
-            ("flags", "B", 1, "", "1 accelerometer clipped, 2 gyro clipped, 4 gap before"),
+            (
+                "flags",
+                "B",
+                1,
+                "",
+                "1 accelerometer clipped, 2 gyro clipped, 4 gap before, 8 magnetometer read anew, "
+                "16 its reading was unsound",
+            ),
+            ("lost", "B", 1, "", "samples lost just before this one, at most 127"),
         ),
     ),
     (
@@ -115,7 +137,13 @@ MESSAGES = (
             ("cell", "b", 3, "4096 m", "ENU; position = 4096 cell + position"),
             ("velocity", "i", 3, "Q24 m/s", "ENU"),
             ("attitude", "i", 4, "Q30", "body to ENU, scalar first"),
-            ("flags", "B", 1, "", "1 stance, 2 navigating, 4 covariance frozen, 8 saturated"),
+            (
+                "flags",
+                "B",
+                1,
+                "",
+                "1 stance, 2 navigating, 4 covariance frozen, 8 saturated, 16 gap, 32 resumed",
+            ),
             ("threshold", "H", 1, "Q14", "adaptive threshold M"),
             ("n_eff", "H", 1, "Q8", "effective sample size"),
             ("m2", "I", 1, "Q10", "normalised innovation squared"),
@@ -156,17 +184,25 @@ MESSAGES = (
         "STATUS",
         "every second",
         (
-            ("mode", "B", 1, "", "0 idle, 1 aligning, 2 navigating, 3 fault"),
+            ("mode", "B", 1, "", "0 idle, 1 aligning, 2 navigating, 3 fault, 4 resuming"),
             ("samples", "I", 1, "", "samples read since start"),
             ("overruns", "I", 1, "", "samples that came before the last one was read"),
             ("gaps", "I", 1, "", "times that samples were lost"),
+            ("lost", "I", 1, "", "samples lost in them"),
+            ("spikes", "I", 1, "", "samples dropped for an impossible jump"),
+            ("fifo_overflows", "I", 1, "", "times that the sensor's FIFO ran over"),
             ("bus_errors", "I", 1, "", "failed I2C transfers"),
             ("recoveries", "I", 1, "", "sensor set up anew"),
+            ("bus_khz", "H", 1, "kHz", "clock of the sensor's bus"),
             ("clipped", "I", 1, "", "samples at full scale"),
             ("dropped_samples", "I", 1, "", "SAMPLE frames that the UART had no room for"),
             ("dropped_poses", "I", 1, "", "POSE frames, likewise"),
             ("dropped_others", "I", 1, "", "other frames, likewise"),
             ("bad_commands", "I", 1, "", "damaged frames received"),
+            ("refused_commands", "I", 1, "", "commands over the limit of their rate"),
+            ("logged", "I", 1, "bytes", "in the black box since power-up"),
+            ("log_lost", "I", 1, "", "frames that the black box had no room for"),
+            ("temperature", "h", 1, "1/340 °C", "die temperature less 35 °C"),
             ("period", "I", 1, "Q8 µs", "learned sample period"),
             ("worst", "I", 1, "µs", "longest tick of the core so far"),
             ("heap", "I", 1, "bytes", "free heap"),

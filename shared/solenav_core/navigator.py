@@ -59,7 +59,7 @@ def new_work():
 
 
 def new_sample():
-    """Raw counts for `tick`: ax ay az gx gy gz."""
+    """A sample for `tick`: ax ay az gx gy gz mx my mz flags."""
     return array("i", bytes(4 * size(SAMPLE_FIELDS)))
 
 

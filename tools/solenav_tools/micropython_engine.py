@@ -52,7 +52,7 @@ with open("lengths", "rb") as file:
     lengths = array("i", file.read())
 work = navigator.new_work()
 sample = navigator.new_sample()
-row = array("h", bytes(12))
+row = array("h", bytes(2 * len(sample)))
 word = array("I", [0])
 tick = navigator.tick
 gc.collect()
@@ -61,7 +61,7 @@ gc.collect()
 def run(ticks, source, out):
     for _ in range(ticks):
         source.readinto(row)
-        for i in range(6):
+        for i in range(len(row)):
             sample[i] = row[i]
         if want == "heap":
             gc.disable()
@@ -124,7 +124,7 @@ def digests(
     params: array[int],
     start: array[int] | None = None,
 ) -> list[int]:
-    """The digest after every tick of `counts` (n, 6), by the core staged in `folder`.
+    """The digest after every tick of `counts` (n, 6 or 10), by the core staged in `folder`.
 
     `interpreter` is the command line of a MicroPython, `start` the state to begin with if it is
     not a fresh one. SolenavError, with what it said, where it fails; so do the functions below.
@@ -197,6 +197,13 @@ def _compile(path: Path, architecture: str) -> None:
         raise SolenavError(f"mpy-cross refuses {path.name}: {done.stderr or done.stdout}")
 
 
+def _whole(counts: Counts) -> Counts:
+    """Samples with all their words."""
+    whole = np.zeros((len(counts), len(navigator.new_sample())), np.int16)
+    whole[:, : counts.shape[1]] = counts
+    return whole
+
+
 def _run(
     interpreter: Sequence[str],
     folder: Path,
@@ -206,7 +213,7 @@ def _run(
 ) -> bytes:
     fresh = navigator.new_state()
     lengths = array("i", [len(counts) for counts, _start in runs])
-    samples = [np.ascontiguousarray(counts, np.int16).tobytes() for counts, _start in runs]
+    samples = [_whole(counts).tobytes() for counts, _start in runs]
     states = [(fresh if start is None else start).tobytes() for _counts, start in runs]
     with tempfile.TemporaryDirectory(prefix="solenav-ticks-") as name:
         place = Path(name)

@@ -84,8 +84,11 @@ class Capture:
 
     @property
     def sample_counts(self) -> NDArray[np.int16]:
-        """Raw counts of all samples, (n, 6): ax ay az gx gy gz."""
-        return np.hstack([self.samples.rows["acc"], self.samples.rows["gyro"]])
+        """All samples as the core takes them, (n, 10): ax ay az gx gy gz mx my mz flags."""
+        rows = self.samples.rows
+        return words(
+            np.hstack([rows["acc"], rows["gyro"]]), rows["mag"], rows["flags"], rows["lost"]
+        )
 
     def need_samples(self) -> None:
         """SolenavError unless there are samples and the parameters that they ran with."""
@@ -153,14 +156,28 @@ class Capture:
         return rows["cell"].astype(np.float64) * layout.CELL_M + rows["position"] / 2**18
 
 
+def words(
+    counts: NDArray[np.int16],
+    mag: NDArray[np.int16],
+    flags: NDArray[np.uint8],
+    lost: NDArray[np.uint8],
+) -> NDArray[np.int16]:
+    """Samples as the core takes them, (n, 10), from SAMPLE's fields.
+
+    `counts` (n, 6) ax ay az gx gy gz; `mag` (n, 3); `flags`, `lost` (n,), `lost` at most 127.
+    """
+    last = flags.astype(np.int16) | (np.minimum(lost, messages.LOST_MAX).astype(np.int16) << 8)
+    return np.hstack([counts, mag, last[:, None]])
+
+
 def unwrap(time_us: NDArray[Any]) -> FloatArray:
     """Board time stamps (µs modulo 2**32, in order) to seconds without wraps."""
     steps = np.diff(time_us.astype(np.int64)).astype(np.int64) % 2**32
     return np.concatenate([[0.0], np.cumsum(steps)]) * 1e-6 + float(time_us[0]) * 1e-6
 
 
-class _Snapshots:
-    """Puts fragments of one tick together."""
+class _Fragments:
+    """Puts the fragments of a message of one tick together."""
 
     def __init__(self) -> None:
         self.tick = -1
@@ -189,7 +206,7 @@ def load(path: Path) -> Capture:
     orders: dict[int, list[int]] = {kind: [] for kind in _TABLES}
     none = [_empty(kind) for kind in _TABLES]
     out = Capture(path, read_sidecar(path), none[0], none[1], none[2], none[3], none[4])
-    snapshots = _Snapshots()
+    fragments = {kind: _Fragments() for kind in (messages.SNAPSHOT, messages.PARAMS)}
     order = 0
     arrivals: list[float] = []
     records, cut_off = scan(path)
@@ -206,7 +223,7 @@ def load(path: Path) -> Capture:
                 ticks[item.kind].append(item.tick)
                 orders[item.kind].append(order)
             else:
-                _keep(out, item, order, snapshots)
+                _keep(out, item, order, fragments)
     for left in reader.close():
         out.damaged[left.reason] += 1
     tables = [
@@ -229,17 +246,19 @@ def _empty(kind: int) -> Table:
     return Table(np.empty(0, dtype(kind)), none, none)
 
 
-def _keep(out: Capture, frame: Frame, order: int, snapshots: _Snapshots) -> None:
+def _keep(out: Capture, frame: Frame, order: int, fragments: dict[int, _Fragments]) -> None:
     """File a frame of the rarer types."""
     fields = unpack(frame)
     if frame.kind == messages.HELLO:
         out.hellos.append((order, fields))
-    elif frame.kind == messages.PARAMS:
-        out.params.append((order, array("i", fields["values"])))
     elif frame.kind == messages.LOG:
         level = messages.LEVELS[min(fields["level"], 2)]
         out.logs.append((frame.tick, level, fields["text"].decode("utf-8", "replace")))
-    elif frame.kind == messages.SNAPSHOT:
-        whole = snapshots.add(frame)
-        if whole is not None:
+    elif frame.kind in fragments:
+        whole = fragments[frame.kind].add(frame)
+        if whole is None:
+            return
+        if frame.kind == messages.SNAPSHOT:
             out.snapshots.append((order, frame.tick, whole))
+        elif len(whole) == 4 * len(messages.NAMES):
+            out.params.append((order, array("i", whole)))

@@ -252,7 +252,7 @@ def _checked_mag(mag: FloatArray, place: Place) -> FloatArray | None:
     infinite = np.flatnonzero(np.isinf(mag).any(axis=1))
     if infinite.size:
         raise SolenavError(f"{place(int(infinite[0]))}: the magnetic field is infinite", MEND_FILE)
-    known = np.isfinite(mag).all(axis=1)
+    known = np.asarray(np.isfinite(mag).all(axis=1))
     if not mag.shape[1] or not known.any():
         return None
     low, high = MAG_MEDIAN_UT

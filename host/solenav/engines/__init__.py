@@ -76,7 +76,10 @@ class Engine:
         stop: int | None = None,
         mask: int = 0,
     ) -> tuple[int, int]:
-        """Run samples `start` to `stop` of `counts` (n, 6), or until an event in `mask`.
+        """Run samples `start` to `stop` of `counts`, or until an event in `mask`.
+
+        `counts` (n, 10) are the words of a sample as in `layout.SAMPLE_FIELDS`; without
+        magnetometer and flags (n, 6) will do.
 
         Returns the first row not run and the events of the last tick. RangeError (checked
         engine): a word would have overflowed.

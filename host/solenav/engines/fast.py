@@ -29,7 +29,7 @@ def advance(s, p, w, t, m, counts, start, stop, mask):
     row = start
     events = 0
     while row < stop:
-        for i in range(6):
+        for i in range(counts.shape[1]):
             m[i] = counts[row, i]
         row += 1
         events = tick(s, p, w, t, m)

@@ -72,7 +72,7 @@ _TRACE = f"""
 @njit(cache=True)
 def trace(s, p, w, t, m, counts, imposed, columns, out, events):
     for row in range(len(counts)):
-        for i in range(6):
+        for i in range(counts.shape[1]):
             m[i] = counts[row, i]
         w[{_IMPOSED}] = imposed[row]
         w[{_ROW}] = row
@@ -142,7 +142,7 @@ def trace(
     params: array[int],
     imposed: NDArray[np.bool_] | None = None,
 ) -> Trace:
-    """Run the core from nothing over `counts` (n, 6); `imposed` (n,) replaces its decisions.
+    """Run the core from nothing over `counts` (n, 6 or 10); `imposed` (n,) replaces its decisions.
 
     SolenavError where numba is missing.
     """
