@@ -296,20 +296,24 @@ def test_a_magnetised_sphere_draws_the_field_in_at_its_poles() -> None:
     np.testing.assert_allclose(field.field_at(equator, earth, ball), 0.0, atol=1e-9)
 
 
-points = hnp.arrays(np.float64, 3, elements=st.floats(-2, 2))
+moments = hnp.arrays(np.float64, 3, elements=st.floats(-2, 2))
 
 
-@given(points, points)
-def test_a_dipoles_field_has_neither_source_nor_curl(place: FloatArray, moment: FloatArray) -> None:
-    away = place / max(np.linalg.norm(place), 1e-3) * (1 + np.linalg.norm(place))
+@given(st.floats(0.5, 3), st.floats(-4, 4), st.floats(-1.6, 1.6), moments)
+def test_a_dipoles_field_has_neither_source_nor_curl(
+    distance: float, azimuth: float, elevation: float, moment: FloatArray
+) -> None:
+    level = math.cos(elevation)
+    direction = [level * math.sin(azimuth), level * math.cos(azimuth), math.sin(elevation)]
+    away = distance * np.array(direction)
     step = 1e-4
     around = np.vstack([away + step * np.eye(3), away - step * np.eye(3)])
     steel = field.Steel(np.zeros((1, 3)), moment[None])
     none = field.Earth(strength=0.0)
     values = field.field_at(around, none, steel)
     slope = (values[:3] - values[3:]) / (2 * step)
-    assert abs(np.trace(slope)) < 1e-5
-    np.testing.assert_allclose(slope, slope.T, atol=1e-5)
+    assert abs(np.trace(slope)) < 1e-4
+    np.testing.assert_allclose(slope, slope.T, atol=1e-4)
 
 
 @given(st.integers(0, 1000))
