@@ -7,27 +7,30 @@ EXPECTED = (
     1501789533,  # isqrt
     3575841464,  # clamp
     1056304096,  # azimuth
-    3027496242,  # turn
-    1692259826,  # to_nav
-    3150525917,  # propagate
-    3896498010,  # recentre
-    3195236008,  # full speed
-    387045602,  # push
-    203279627,  # slower
-    699802000,  # unrest
-    4285616219,  # detect
-    553104100,  # grow
-    3552550540,  # shrink
-    3119000557,  # head
-    3386837791,  # level
-    2534135536,  # align
-    2199187363,  # roots
-    4035035023,  # ratio
-    2052282227,  # feed_back
-    2226158728,  # observe
-    887283018,  # adapt
-    3182782319,  # weigh
-    1162210166,  # update
-    2104473855,  # stood
-    2358076924,  # tick
+    1583251828,  # turn
+    2664994160,  # to_nav
+    283144931,  # condition
+    546895628,  # steer
+    1110422528,  # propagate
+    383319521,  # recentre
+    1050738544,  # full speed
+    3668008712,  # push
+    2907433073,  # slower
+    2408497859,  # unrest
+    2143357774,  # detect
+    421909193,  # grow
+    3951079786,  # shrink
+    1808881781,  # head
+    1399040584,  # level
+    3398616974,  # align
+    2607042270,  # settle
+    3219745149,  # roots
+    4108898163,  # ratio
+    137724599,  # feed_back
+    4029421437,  # observe
+    3108595516,  # adapt
+    520111803,  # weigh
+    3527616614,  # update
+    2702453958,  # stood
+    873539561,  # tick
 )
