@@ -81,7 +81,7 @@ def field_at(position: FloatArray, earth: Earth, steel: Steel = NO_STEEL) -> Flo
 
 
 def indoors(way: FloatArray, earth: Earth, rng: np.random.Generator) -> Steel:
-    """Steel in the floor, at height 0, along a `way` (m, 3) of the feet: spheres of 10 to 30 cm radius.
+    """Steel in the floor, along a `way` (m, 3) of the feet: spheres of 10 to 30 cm radius.
 
     They lie below the floor, the top of each `DEPTH_M` under it or deeper, so that no foot gets
     inside one. At the footprints of simulated loops 90 % of the fields are 43 to 68 µT strong and
