@@ -344,14 +344,15 @@ def _misfits(recording: Recording, late_s: float) -> dict[str, float]:
         ]
     )
     rate = np.column_stack([np.convolve(axis, kernel, "same") for axis in recording.gyro.T])
-    change = np.gradient(field, time_s, axis=0)
     inner = slice(len(kernel), -len(kernel), 3)
+    change = np.gradient(field, time_s, axis=0)[inner]
+    field, rate = field[inner], rate[inner]
     found = {}
     for order in permutations(range(3)):
         for signs in product((1, -1), repeat=3):
             turn = np.eye(3)[list(order)] * np.array(signs)[:, None]
             if np.linalg.det(turn) > 0:
-                off = (change @ turn.T + np.cross(rate, field @ turn.T))[inner]
+                off = change @ turn.T + np.cross(rate, field @ turn.T)
                 name = " ".join(
                     f"{'+' if sign > 0 else '-'}{'xyz'[axis]}"
                     for sign, axis in zip(signs, order, strict=True)
