@@ -30,9 +30,9 @@ class Found:
     """An accelerometer's calibration: corrected = matrix · measured - bias.
 
     `matrix` (3, 3) lower triangular, `bias` (3,) m/s²; `residual` (n,) of |corrected| - g at
-    each rest in m/s², `before` the same uncorrected; `sigma` (3,) of the bias, `condition` of
-    the fit, `spread` (3,) how far the bias moves when one rest is left out; `skew` is
-    False where the rests don't tell how far the axes are from right angles.
+    each rest in m/s², `before` the same uncorrected; `*_sigma` (3,) standard errors; `condition`
+    of the fit; `spread` (3,) how far the bias moves when a rest is left out, None where none can
+    be; `skew` is False where the rests don't tell how far the axes are from right angles.
     """
 
     matrix: FloatArray
@@ -42,7 +42,7 @@ class Found:
     bias_sigma: FloatArray
     scale_sigma: FloatArray
     condition: float
-    spread: FloatArray
+    spread: FloatArray | None
     skew: bool
     used: tuple[Pose, ...]
     refused: tuple[Pose, ...]
@@ -118,7 +118,7 @@ def fit(used: list[Pose], refused: list[Pose]) -> Found:
         bias_sigma=sigma[3:6],
         scale_sigma=sigma[:3],
         condition=float(np.linalg.cond(scaled)),
-        spread=np.abs(np.array(others) - bias).max(axis=0) if others else np.full(3, np.nan),
+        spread=np.abs(np.array(others) - bias).max(axis=0) if others else None,
         skew=skew,
         used=tuple(used),
         refused=tuple(refused),
@@ -160,5 +160,5 @@ def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _list(values: FloatArray) -> list[float]:
-    return [float(f"{v:.3g}") for v in values]
+def _list(values: FloatArray | None) -> list[float] | None:
+    return None if values is None else [float(f"{v:.3g}") for v in values]

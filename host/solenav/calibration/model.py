@@ -165,9 +165,7 @@ class Calibration:
         """The bias (3,) of one of SENSORS in its unit."""
         return np.array(getattr(self, f"{_FORMS[sensor].field}_bias"))
 
-    def corrected(
-        self, sensor: str, measured: FloatArray
-    ) -> FloatArray:
+    def corrected(self, sensor: str, measured: FloatArray) -> FloatArray:
         """Measured values (n, 3) of one of SENSORS, corrected, in the sensor's axes."""
         out = measured @ self.matrix(sensor).T - self.bias(sensor)
         return np.asarray(out, dtype=np.float64)

@@ -100,24 +100,25 @@ def poses(recording: Recording) -> list[Pose]:
     mean, spread = _windows(recording.accel, n)
     turning = _windows(recording.gyro, n)[1]
     quiet = (spread < STILL_ACCEL) & (turning < STILL_RATE)
-    found = [
-        _pose(recording, first, last + n - 1)
-        for first, last in _runs(quiet)
-        # Two windows next to each other are one rest.
-        if last > first
-    ]
-    return sorted(_joined(recording, found) + _held(recording, found, mean, quiet, n), key=_start)
+    found = _joined(
+        recording, [_pose(recording, first, last + n - 1) for first, last in _runs(quiet)], n
+    )
+    return sorted(found + _held(recording, found, mean, quiet, n), key=_start)
 
 
 def _start(pose: Pose) -> float:
     return pose.start_s
 
 
-def _joined(recording: Recording, found: list[Pose]) -> list[Pose]:
-    """Stretches of which windows overlap in one: a short knock doesn't end a pose."""
+def _joined(recording: Recording, found: list[Pose], n: int) -> list[Pose]:
+    """Rests less than a window of `n` rows apart in one attitude made one: a knock ends none."""
     out: list[Pose] = []
     for pose in found:
-        if out and pose.first <= out[-1].last and _angle(out[-1].force, pose.force) < DRIFT_MAX_DEG:
+        if (
+            out
+            and pose.first - out[-1].last < n
+            and _angle(out[-1].force, pose.force) < DRIFT_MAX_DEG
+        ):
             out[-1] = _pose(recording, out[-1].first, pose.last)
         else:
             out.append(pose)
