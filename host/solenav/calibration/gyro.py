@@ -8,6 +8,7 @@ are the reference, so it is calibrated first.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -144,7 +145,7 @@ def _turns(
     dt = np.diff(recording.time_s, prepend=recording.time_s[0])
     kept = [
         k
-        for k, (a, b) in enumerate(zip(rests, rests[1:], strict=False))
+        for k, (a, b) in enumerate(pairwise(rests))
         if up[k] @ up[k + 1] < np.cos(np.radians(_TURN_MIN_DEG))
         and b.start_s - a.end_s < _TURN_MAX_S
     ]

@@ -53,8 +53,9 @@ class Found:
     `matrix` (3, 3) of determinant 1 but for the turn of the axes, so that µT stay µT; `bias`
     (3,) µT; `field_ut` the radius; `residual` (n,) of |corrected| less the radius in µT,
     `before` that of |measured| about its mean; `outliers` readings that the fit left aside.
-    `dip_deg` is the field's below the horizontal and `turned_deg` the turn of the axes, `dip_before_deg` and
-    `dip_after_deg` the spread of the dip without and with it; None where gravity wasn't there.
+    `dip_deg` is the field's below the horizontal and `turned_deg` the turn of the axes,
+    `dip_before_deg` and `dip_after_deg` the spread of the dip without and with it; None where
+    gravity wasn't there.
     """
 
     matrix: FloatArray
@@ -171,7 +172,7 @@ def calibrate(recording: Recording, calibration: Calibration = IDENTITY) -> Foun
 
 
 def _ellipsoid(field: FloatArray) -> tuple[FloatArray, FloatArray, float, NDArray[np.bool_]]:
-    """W (3, 3) symmetric with determinant 1, b (3,), the radius, and which readings (n,) are sound."""
+    """W (3, 3), symmetric, determinant 1; b (3,); the radius; which readings (n,) are sound."""
     from scipy.optimize import least_squares
 
     centre = (np.percentile(field, 2, axis=0) + np.percentile(field, 98, axis=0)) / 2
