@@ -5,6 +5,8 @@ from time import ticks_diff, ticks_ms, ticks_us
 import config
 import machine
 import reports
+from blackbox import BlackBox
+from download import Download
 from link import Link
 from mpu9150 import Mpu9150, SensorError
 from sampler import Sampler
@@ -46,6 +48,14 @@ class Application:
         self.wanted = settings["autostart"]
         self.mode = messages.IDLE
         self.snapshot_asked = False
+        # fmt: off
+        self.blackbox = BlackBox(
+            self.link, settings["blackbox"], settings["blackbox_samples"], self.second,
+            self.describe,
+        )
+        # fmt: on
+        self.with_samples = settings["blackbox_samples"]
+        self.download = Download(self.link, self.blackbox)
         self.worst = 0
         self.complaint = ""
         self.failed_test = selftest.first_failure(EXPECTED)
@@ -56,6 +66,7 @@ class Application:
             messages.ASK_STOP: self.stop,
             messages.ASK_SNAPSHOT: self.ask_snapshot,
         }
+        self.commands.update(self.download.commands)
 
     def run(self):
         """For ever."""
@@ -71,7 +82,8 @@ class Application:
         for problem in self.problems:
             self.log(_ERROR, problem)
         while True:
-            command = self.link.receive(self.state[_TICK])
+            tick = self.state[_TICK]
+            command = self.link.receive(tick)
             if command:
                 self.obey(command)
             waiting = False
@@ -85,7 +97,7 @@ class Application:
             elif ticks_diff(ticks_ms(), self.beat) >= 1000:
                 self.rest()
             self.link.pump()
-            if not waiting:
+            if not (waiting or self.download.step(tick) or self.blackbox.step(tick)):
                 machine.idle()
 
     def advance(self):
@@ -183,9 +195,8 @@ class Application:
         if self.failed_test and command in (messages.ASK_START, messages.ASK_STOP):
             result = messages.REFUSED
         elif action:
-            result = messages.DONE
             try:
-                action()
+                result = action() or messages.DONE
             except SensorError as error:
                 self.fail(error)
                 result = messages.REFUSED
@@ -200,6 +211,12 @@ class Application:
         )
         # fmt: on
         reports.parameters(self.link, tick, self.params)
+
+    def describe(self):
+        """What a file of the black box begins with."""
+        self.announce()
+        if self.with_samples:
+            self.ask_snapshot()
 
     def start(self):
         """A fresh static start."""

@@ -12,7 +12,10 @@ _DEFAULTS = {
     "send_samples": True,
     "snapshot_s": 10,
     "autostart": True,
+    "blackbox": "stop",
+    "blackbox_samples": False,
 }
+_CHOICES = {"blackbox": ("off", "stop", "overwrite")}
 _RATES = (1000, 1_000_000)  # mHz that the sensor's divider and the timing can follow
 
 
@@ -24,6 +27,8 @@ def load():
         if key not in _DEFAULTS:
             problems.append("config.json: there is no key %s" % key)
         elif type(value) is not type(_DEFAULTS[key]):
+            problems.append("config.json: %s can't be %r" % (key, value))
+        elif key in _CHOICES and value not in _CHOICES[key]:
             problems.append("config.json: %s can't be %r" % (key, value))
         elif type(value) is int and not 0 <= value <= 65535:
             problems.append("config.json: %s = %d is not 0 to 65535" % (key, value))

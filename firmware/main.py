@@ -17,6 +17,7 @@ def main():
         application.log(2, "%s: %s" % (type(error).__name__, error))
         raise
     finally:
+        application.blackbox.close()
         application.link.flush()
 
 
