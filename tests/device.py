@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 from contextlib import contextmanager
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 from typing import Any
 
 from solenav.link import FrameReader
@@ -72,8 +72,3 @@ class Uart:
         """What was sent since the last call, decoded."""
         data, self.sent = bytes(self.sent), bytearray()
         return list(FrameReader().feed(data))
-
-
-def reports_fake(lines: list[str]) -> SimpleNamespace:
-    """In place of the firmware's `reports`, which needs a board's modules: keeps the log."""
-    return SimpleNamespace(log=lambda _link, _tick, _level, text: lines.append(text))
