@@ -47,6 +47,7 @@ class Board:
         torn: bool = False,
         cut: tuple[int, int] = (0, 0),
     ) -> None:
+        folder.mkdir(exist_ok=True)
         simtime.clear()
         flash.mount(f"{folder}/", {"capacity": capacity, "torn": torn})
         flash.cut(*cut, lambda: simtime.end(1))
