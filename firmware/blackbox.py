@@ -223,8 +223,10 @@ class BlackBox:
     def _begin(self):
         """Open a file, if there is space; with "overwrite" make some, a file a call."""
         free = self.free()
-        # Where erasing made no room it isn't the black box that takes it.
-        if self._overwrite and self._freed < free < _FILE_MAX and self.numbers:
+        # The last whole file goes only where there is no room at all. Where erasing made none it
+        # isn't the black box that takes it.
+        least = _FILE_MAX if len(self.numbers) > 1 else _FILE_MIN
+        if self._overwrite and self._freed < free < least and self.numbers:
             self._freed = free
             self.erase(self.numbers[0])
             return

@@ -33,7 +33,8 @@ Frame = tuple[int, int]  # type, tick
 class Board:
     """A board that walks: frames of all types, as the application would send them.
 
-    `folder` is the flash. `cut`: (operation, byte) of the flash at which the power goes. `sent`
+    `folder` is the flash. `cut`: (operation, byte) of the flash at which the power goes. `line`:
+    the UART takes what it gets; else it is stuck, which saves the work of framing for it. `sent`
     are all frames, in order.
     """
 
@@ -46,6 +47,7 @@ class Board:
         capacity: int = 1_400_000,
         torn: bool = False,
         cut: tuple[int, int] = (0, 0),
+        line: bool = False,
     ) -> None:
         folder.mkdir(exist_ok=True)
         simtime.clear()
@@ -55,6 +57,7 @@ class Board:
         self.log = _log
         self.folder = folder
         self.uart = device.Uart()
+        self.uart.takes = 1 << 30 if line else 0
         self.sent: list[Frame] = []
         self.tick = 0
         self.link: Any = LINK.Link(self.uart)
