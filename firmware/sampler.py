@@ -25,6 +25,7 @@ _I_FLAGS = const(9)
 _FAILURES_MAX = const(3)  # failed transfers in a row: the sensor is set up anew
 _ATTEMPTS_MAX = const(2)  # times that it is, without a sample in between
 _SILENT_PERIODS = const(10)
+_TRUSTED = const(3)  # different samples in a row after frozen ones
 _SPIKES_MAX = const(3)  # in a row; a fourth is no spike
 
 _FRACTION = const(12)  # bits of the learned period: 256 ms still fit a small int
@@ -35,7 +36,7 @@ _SILENCE_MIN = const(50_000)  # µs
 
 # Each failed transfer is worth so many good ones; above the limit the bus is slowed down.
 _STRAIN = const(64)
-_STRAIN_MAX = const(640)
+_STRAIN_MAX = const(512)
 _CALM = const(12000)  # samples without an error after which it may be fast again
 
 # Jumps from sample to sample that no foot makes, in counts. Over all 30 foot recordings of
@@ -140,7 +141,7 @@ class Sampler:
         self._missing = 0  # samples lost since the last good one
         self._row = 0  # spikes among them, in a row
         self._alike = 0
-        self._stuck = False
+        self._stuck = 0  # different samples still to come after frozen ones
         self._empty = 0
         self._failures = 0
         self._attempts = 0
@@ -415,21 +416,30 @@ class Sampler:
         self._rest = change % n
 
     def _is_frozen(self, flags):
+        """Whether the sample is one of frozen data; then it is lost.
+
+        Once they were frozen, it takes three different samples in a row to trust them again.
+        """
         if not flags & _ALIKE:
             self._alike = 0
-            self._stuck = False
-            return False
-        self._alike += 1
-        if self._alike >= self._alike_max:
-            self._alike = 0
-            self._stuck = True
-            self.frozen += 1
-            self._missing += 1
-            self._anew("the sensor's data are frozen: check its power")
-            return True
-        if self._stuck:
-            self._missing += 1
-        return self._stuck
+            if not self._stuck:
+                return False
+            self._stuck -= 1
+        else:
+            self._alike += 1
+            if self._alike < self._alike_max:
+                if not self._stuck:
+                    return False
+                self._stuck = _TRUSTED
+            else:
+                self._alike = 0
+                self._stuck = _TRUSTED
+                self.frozen += 1
+                self._missing += 1
+                self._anew("the sensor's data are frozen: check its power")
+                return True
+        self._missing += 1
+        return True
 
     def _without_spike(self, flags):
         """The flags of the sample; _SPIKE where it is one, which is counted then."""
