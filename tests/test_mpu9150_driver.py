@@ -283,4 +283,3 @@ def test_the_field_in_the_accelerometers_axes(bench: Bench) -> None:
             assert t.words[6:9] == pytest.approx(field, abs=2)
         bench.sensor().sleep()
     assert set(SENSITIVITY) != {128}
-

@@ -172,7 +172,7 @@ def test_the_fifo_bridges_interrupts_held_up(bench: Bench) -> None:
     """As by erasing a Pico's flash: many pulses become one, and that one is late."""
     sampler = bench.sampler()
     for i in range(40):
-        bench.run(sampler, 5 + i % 3)
+        bench.run(sampler, 30 + i % 3)
         bench.hold_interrupts(1700 * i)
     bench.run(sampler, 100)
     check(bench, sampler, late_us=5000)
@@ -372,7 +372,9 @@ def test_frozen_data_are_a_fault(bench: Bench, fifo: bool) -> None:
     sampler.resume()
     bench.run(sampler, 100)
     later = bench.taken[-100:]
-    assert later[0].lost == later[0].number - bench.taken[-101].number - 1 > 75
+    # The frozen ones before it was known have the same number, but times of their own.
+    pause = later[0].time - bench.taken[-101].time
+    assert later[0].lost == pytest.approx(pause / 5000 - 1, abs=1)
     assert all(b.number == a.number + 1 for a, b in pairwise(later))
 
 
