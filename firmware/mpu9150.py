@@ -260,6 +260,14 @@ class Mpu9150:
         """
         self._go(BYPASS if self.way == AUXILIARY else NO_WAY)
 
+    def answers(self):
+        """Whether one read of its identity goes well."""
+        try:
+            self.bus.read_into(self._address, _WHO_AM_I, self._status)
+        except OSError:
+            return False
+        return self._status[0] == _IDENTITY
+
     def temperature(self):
         """Of the sample read last: 340 counts a °C, 0 at 35 °C."""
         return (((self._last[6] << 8) | self._last[7]) ^ 0x8000) - 0x8000

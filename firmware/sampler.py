@@ -22,7 +22,11 @@ _LOST_MAX = const(127)
 _ALIKE = const(256)  # mpu9150.ALIKE
 _I_FLAGS = const(9)
 
-_FAILURES_MAX = const(3)  # failed transfers in a row: the sensor is set up anew
+# Failed transfers in a row after which the sensor is set up anew. The FIFO can wait: there the
+# first is followed by another at once, the others by one with each pulse.
+_FAILURES_MAX = const(3)
+_FIFO_FAILURES_MAX = const(6)
+_PROBES = const(20)  # reads of its identity that a bus must carry to be fast again
 _ATTEMPTS_MAX = const(2)  # times that it is, without a sample in between
 _SILENT_PERIODS = const(10)
 _TRUSTED = const(3)  # different samples in a row after frozen ones
@@ -188,6 +192,8 @@ class Sampler:
             bus.open(khz or SLOW)
             try:
                 self._sensor.wake()
+                if bus.khz == SLOW:
+                    self._try_fast()
                 self._run()
             except SensorError as error:
                 complaint = error
@@ -216,10 +222,10 @@ class Sampler:
     def read(self):
         """Take a sample; False where there is none that is new and sound.
 
-        A failed transfer is tried once more; after three failures in a row, or with data frozen
-        to the bit for 1/8 s, the sensor is set up anew; SensorError where that fails or has
-        been tried twice without a sample. A spike is dropped; so is every frozen sample once
-        they are known to be.
+        A failed transfer is tried again; after some failures in a row, or with data frozen to the
+        bit for 1/8 s, the sensor is set up anew; SensorError where that fails or has been tried
+        twice without a sample. A spike is dropped; so is every frozen sample once they are
+        known to be.
         """
         self._watch_bus()
         try:
@@ -280,6 +286,14 @@ class Sampler:
             self._period = (1_000_000_000 << _FRACTION) // rate
         self._errors = self._bus.errors
         return rate
+
+    def _try_fast(self):
+        """It may have been the sensor that wasn't there at the fast clock, not the bus."""
+        self._bus.open(FAST)
+        for _ in range(_PROBES):
+            if not self._sensor.answers():
+                self._bus.open(SLOW)
+                return
 
     def _break_off(self):
         """What the sensor has and what is known of it no longer fit."""
@@ -354,7 +368,6 @@ class Sampler:
         except OSError:
             self._suspect = waiting
             self._suspected = count
-            self._more = True
             raise
         self._failures = 0
         self._empty = 0
@@ -489,7 +502,12 @@ class Sampler:
 
     def _fail(self):
         self._failures += 1
-        if self._failures >= _FAILURES_MAX:
+        most = _FAILURES_MAX
+        if self._sensor.fifo:
+            most = _FIFO_FAILURES_MAX
+            self._seen = self._count
+            self._more = self._failures == 1
+        if self._failures >= most:
             self._failures = 0
             self._anew("the sensor's transfers fail: check SDA, SCL")
 

@@ -5,6 +5,7 @@ The bench numbers its samples, in their temperature; so what is lost is known.
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 from contextlib import suppress
 from itertools import pairwise
@@ -19,11 +20,13 @@ from hypothesis import strategies as st
 from imu_bench import Bench, Taken, still
 
 from solenav import datasets, mpu9150
+from solenav.engines.source import core_path
 from solenav.errors import SolenavError
 from solenav.sim.board import simtime
 from solenav_core import messages
+from solenav_tools import micropython32
 from solenav_tools.micropython import find_micropython
-from solenav_tools.staging import stage
+from solenav_tools.staging import firmware_path, stage
 
 MODES = pytest.mark.parametrize("fifo", [True, False], ids=["fifo", "ready"])
 CLIPS = messages.CLIPPED_ACC | messages.CLIPPED_GYRO
@@ -238,11 +241,35 @@ def test_a_fifo_burst_that_breaks_off_shifts_nothing(bench: Bench, size: int) ->
     assert sampler.lost_samples <= 5 * size
 
 
+def test_a_short_disturbance_of_the_bus_loses_nothing_in_the_fifo(bench: Bench) -> None:
+    sampler = bench.sampler()
+    for ms in (2, 9, 17):
+        bench.run(sampler, 100)
+        until = simtime.now() + 1000 * ms
+        bench.refuses = lambda *_, until=until: simtime.now() < until  # type: ignore[misc]
+    bench.run(sampler, 100)
+    check(bench, sampler)
+    assert sampler.bus_errors >= 6
+    assert sampler.lost_samples == sampler.recoveries == 0
+
+
 @MODES
-def test_three_failures_in_a_row_set_the_sensor_up_anew(bench: Bench, fifo: bool) -> None:
+def test_a_sensor_that_was_away_for_a_moment_leaves_no_slow_bus(bench: Bench, fifo: bool) -> None:
     sampler = bench.sampler(fifo=fifo)
     bench.run(sampler, 100)
-    bench.nacks = 3 if fifo else 4  # there each is tried twice
+    until = simtime.now() + 250_000
+    bench.refuses = lambda *_: simtime.now() < until
+    bench.run(sampler, 100)
+    check(bench, sampler)
+    assert sampler.recoveries == 1
+    assert not sampler.slow
+
+
+@MODES
+def test_many_failures_in_a_row_set_the_sensor_up_anew(bench: Bench, fifo: bool) -> None:
+    sampler = bench.sampler(fifo=fifo)
+    bench.run(sampler, 100)
+    bench.nacks = 6 if fifo else 4
     bench.run(sampler, 100)
     check(bench, sampler)
     assert (sampler.recoveries, sampler.gaps) == (1, 1)
@@ -270,7 +297,7 @@ def test_a_bus_that_works_at_100_khz_only(bench: Bench, fifo: bool) -> None:
     check(bench, sampler)
     assert sampler.slow
     assert sampler.recoveries == 1
-    assert bench.opened[1:] == [400_000, 100_000]
+    assert bench.opened[1:] == [400_000, 100_000, 400_000, 100_000]
 
 
 @MODES
@@ -532,3 +559,148 @@ def test_every_hole_has_its_size_whatever_happens(
             holes(bench, before, after)
         assert all(b.time > a.time for a, b in pairwise(bench.taken))
         assert bench.model.rejected == []
+
+
+ALLOCATION = """
+import gc
+import sys
+
+sys.path[:] = [""]
+
+
+class Time:
+    now = 1 << 29
+
+    def ticks_us():
+        return Time.now
+
+    def ticks_add(ticks, delta):
+        return (ticks + delta) & 0x3FFFFFFF
+
+    def ticks_diff(end, start):
+        return ((end - start + 0x20000000) & 0x3FFFFFFF) - 0x20000000
+
+    def sleep_us(us):
+        pass
+
+    def sleep_ms(ms):
+        Time.now = (Time.now + 1000 * ms) & 0x3FFFFFFF
+
+
+class Pin:
+    IN = OUT = OPEN_DRAIN = IRQ_RISING = 0
+
+    def __init__(self, number, mode=0, value=1):
+        pass
+
+    def value(self, level=1):
+        return 1
+
+    def irq(self, handler=None, trigger=0, hard=False):
+        self.handler = handler
+
+
+class Machine:
+    Pin = Pin
+
+
+class Uart:
+    def write(self, buffer, offset, length):
+        return length
+
+
+class I2C:
+    registers = bytearray(128)
+    count = 0
+
+    def readfrom_mem_into(self, address, register, buffer):
+        if address == 0x0C:
+            buffer[0] = 0x48
+        elif register == 0x72:
+            buffer[0] = 0
+            buffer[1] = 22
+        elif register == 0x74 or register == 0x3B:
+            self.count = (self.count + 1) & 63
+            buffer[0] = self.count & 3
+            buffer[5] = self.count
+            buffer[14] = 1
+            buffer[15] = self.count & 62
+        else:
+            buffer[0] = 0x68 if register == 0x75 else self.registers[register]
+
+    def writeto_mem(self, address, register, data):
+        if address == 0x68:
+            self.registers[register] = data[0]
+
+
+sys.modules["time"] = Time
+sys.modules["machine"] = Machine()
+from boards import Board
+from bus import Bus
+from link import Link
+from mpu9150 import Mpu9150
+from sampler import Sampler
+import reports
+
+pin = Pin(0)
+link = Link(Uart())
+sensor = Mpu9150(Bus(Board(lambda freq: I2C(), 0, 0, pin, None, "", 0, None)))
+sensor.wake()
+sampler = Sampler(sensor, pin, 200000, fifo=FIFO)
+sampler.start()
+sampler.time_high = 0xFFF0
+new = 0
+
+
+def passes(n):
+    global new
+    for i in range(n):
+        Time.now = (Time.now + 4950 + i % 100) & 0x3FFFFFFF
+        pin.handler(None)
+        if sampler.ready() and sampler.read():
+            reports.sample(link, 0, sampler, sampler.temperature())
+            new += sampler.flags >> 3 & 1
+        link.pump()
+
+
+passes(400)
+gc.collect()
+gc.disable()
+before = gc.mem_alloc()
+passes(2000)
+print(gc.mem_alloc() - before, sampler.samples, sampler.time_high < 0xFFF0, new > 1000)
+"""
+
+
+@pytest.fixture(params=[64, 32])
+def interpreter(request: pytest.FixtureRequest, tmp_path: Path) -> list[str]:
+    """A MicroPython over staged firmware: bytecode on 64 bits, viper on the 32 of a board."""
+    if request.param == 64:
+        stage(tmp_path, {})
+        return [str(find_micropython())]
+    try:
+        command = micropython32.command()
+    except SolenavError as error:
+        pytest.skip(f"{error.message}; {error.remedy}")
+    firmware = firmware_path()
+    for path in firmware.glob("*.py"):
+        (tmp_path / path.name).write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
+    shutil.copytree(firmware / "boards", tmp_path / "boards")
+    shutil.copytree(core_path(), tmp_path / "solenav_core")
+    return command
+
+
+@MODES
+def test_nothing_is_allocated_per_sample(
+    interpreter: list[str], fifo: bool, tmp_path: Path
+) -> None:
+    """Neither where the board's time has more bits than a small int."""
+    (tmp_path / "allocation.py").write_text(ALLOCATION.replace("FIFO", str(fifo)))
+    ran = subprocess.run(
+        [*interpreter, "allocation.py"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (ran.stdout.split(), ran.stderr) == (["0", "2400", "True", "True"], "")
