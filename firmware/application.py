@@ -6,6 +6,7 @@ import config
 import machine
 import reports
 from blackbox import BlackBox
+from bus import Bus
 from download import Download
 from link import Link
 from mpu9150 import Mpu9150, SensorError
@@ -33,7 +34,7 @@ class Application:
     def __init__(self, board, settings, params, problems):
         rate = params[_RATE]
         self.link = Link(board.uart)
-        self.sensor = Mpu9150(board.i2c)
+        self.sensor = Mpu9150(Bus(board))
         self.sampler = Sampler(self.sensor, board.ready, rate)
         self.params = params
         self.state = navigator.new_state()
@@ -207,7 +208,7 @@ class Application:
         # fmt: off
         reports.hello(
             self.link, tick, self.params, self.pose_every, self.sensor.kind, self.board.name,
-            self.build, self.failed_test,
+            self.build, self.failed_test, self.sensor.test,
         )
         # fmt: on
         reports.parameters(self.link, tick, self.params)

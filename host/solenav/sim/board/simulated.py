@@ -22,6 +22,7 @@ def open() -> Board:
     """The board's bus, pin and UART, set up."""
     # fmt: off
     return Board(
-        open_bus(), machine.Pin(READY_PIN, machine.Pin.IN), machine.UART(baud), "simulated", baud,
+        open_bus, SCL_PIN, SDA_PIN, machine.Pin(READY_PIN, machine.Pin.IN), machine.UART(baud),
+        "simulated", baud, POWER_PIN,
     )
     # fmt: on
