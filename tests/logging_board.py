@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from struct import pack_into
 from types import SimpleNamespace
 from typing import Any
 
@@ -68,6 +69,8 @@ class Board:
 
     def send(self, kind: int) -> None:
         self.sent.append((kind, self.tick))
+        # HELLO says the schema first; what the other fields are is nobody's business here.
+        pack_into("<H", self.link.frame, HEADER, messages.SCHEMA)
         self.link.send(kind, self.tick, HEADER + messages.SIZES[kind])
 
     def describe(self) -> None:
@@ -89,8 +92,8 @@ class Board:
                 self.send(messages.SNAPSHOT)
         command = self.link.receive(self.tick)
         while command:
-            handler = self.download.commands.get(command)
-            self.link.acknowledge(handler() if handler else messages.DONE, self.tick)
+            handler = self.download.commands.get(command, self.describe)
+            self.link.acknowledge(handler() or messages.DONE, self.tick)
             command = self.link.receive(self.tick)
         simtime.advance(TURN_US)
         # As in the loop: again and again until the next sample.

@@ -24,6 +24,7 @@ _WINDOW = 16384  # bytes asked for at once
 _PATIENCE_S = 1.0  # without progress: ask again
 _IN_FLIGHT_S = 0.5  # for so long what was asked for before still arrives
 _TRIES = 10
+_HELLO_TRIES = 3
 
 
 class Stored(NamedTuple):
@@ -75,7 +76,7 @@ class BlackBox:
 
     def hello(self) -> None:
         """Ask who is there. SolenavError where that is nobody, or one of another schema."""
-        for frame in self._answers(messages.HELLO, messages.ASK_HELLO, tries=3):
+        for frame in self._answers(messages.HELLO, messages.ASK_HELLO, tries=_HELLO_TRIES):
             schema = unpack(frame)["schema"]
             if schema != messages.SCHEMA:
                 raise SolenavError(
