@@ -1,25 +1,35 @@
 """The loop: samples into the core, messages out, commands in."""
 
+from array import array
+from binascii import crc32
 from time import ticks_diff, ticks_ms, ticks_us
 
 import config
 import machine
 import reports
+from bus import Bus
+from checkpoint import Checkpoint
 from link import Link
 from mpu9150 import Mpu9150, SensorError
 from sampler import Sampler
+from supervisor import Clock, Supervisor, Watchdog
 
 from solenav_core import messages, navigator, selftest
 from solenav_core.framing import HEADER
-from solenav_core.layout import STATE_FIELDS, offsets
+from solenav_core.layout import SAMPLE_FIELDS, STATE_FIELDS, offsets
 from solenav_core.params import NAMES
 from solenav_core.tables.lookup import TABLES
 from solenav_core.tables.selftest import EXPECTED
 
 _INFO, _WARNING, _ERROR = 0, 1, 2
-_TICK = offsets(STATE_FIELDS)["TICK"]
-_MODE = offsets(STATE_FIELDS)["MODE"]
+_AT = offsets(STATE_FIELDS)
+_TICK = _AT["TICK"]
+_MODE = _AT["MODE"]
+_RESUMED = _AT["RESUMED"]
+_STEPS = _AT["STEPS"]
+_FLAGS = offsets(SAMPLE_FIELDS)["FLAGS"]
 _RATE = NAMES.index("RATE_MHZ")
+_BRIDGE = NAMES.index("BRIDGE_TICKS")
 
 
 class Application:
@@ -30,10 +40,20 @@ class Application:
 
     def __init__(self, board, settings, params, problems):
         rate = params[_RATE]
+        self.settings = settings
         self.link = Link(board.uart)
-        self.sensor = Mpu9150(board.i2c)
-        self.sampler = Sampler(self.sensor, board.ready, rate)
-        self.params = params
+        self.bus = Bus(board)
+        self.sensor = Mpu9150(self.bus)
+        # fmt: off
+        self.sampler = Sampler(
+            self.sensor, board.ready, rate, settings["sampling"] == "fifo", settings["dlpf"],
+            settings["compass"],
+        )
+        # fmt: on
+        self.supervisor = Supervisor(self.bus, self.sampler)
+        self.watchdog = Watchdog(settings["watchdog"])
+        self.clock = Clock(params)
+        self.params = self.clock.params
         self.state = navigator.new_state()
         self.work = navigator.new_work()
         self.board = board
@@ -48,6 +68,12 @@ class Application:
         self.snapshot_asked = False
         self.worst = 0
         self.complaint = ""
+        # The run as it was when the sensor's registers were last seen to be right.
+        self.sure = array("i", bytes(4 * navigator.SAVED))
+        self.sure_tick = 0
+        identity = crc32(params) ^ self.build[0]
+        self.checkpoint = Checkpoint(identity, settings["checkpoint_s"] * self.second, self.second)
+        self.unsaved = False
         self.failed_test = selftest.first_failure(EXPECTED)
         self.beat = ticks_ms()
         self.commands = {
@@ -63,11 +89,7 @@ class Application:
             self.announce()
             self.refuse()
         else:
-            try:
-                self.wake()
-            except SensorError as error:
-                self.announce()
-                self.fail(error)
+            self.boot()
         for problem in self.problems:
             self.log(_ERROR, problem)
         while True:
@@ -75,24 +97,72 @@ class Application:
             if command:
                 self.obey(command)
             waiting = False
-            if self.mode == messages.ALIGNING or self.mode == messages.RUNNING:
-                try:
-                    waiting = self.sampler.ready()
-                    if waiting and self.sampler.read():
-                        self.advance()
-                except SensorError as error:
-                    self.fail(error)
+            if self.sampling():
+                waiting = self.turn()
             elif ticks_diff(ticks_ms(), self.beat) >= 1000:
                 self.rest()
             self.link.pump()
             if not waiting:
+                if self.checkpoint.due(self.state):
+                    self.save(self.checkpoint.save)
                 machine.idle()
+
+    def boot(self):
+        """Go on with a run that was cut off, else start or wait, as the settings say."""
+        going_on = self.take_up()
+        try:
+            self.wake(not going_on)
+        except SensorError as error:
+            self.announce()
+            self.fail(error)
+        if going_on:
+            reports.snapshot(self.link, self.state[_TICK], self.state)
+            self.log(_WARNING, "going on after a restart, from step %d" % self.state[_STEPS])
+
+    def take_up(self):
+        """Whether a run was cut off by this boot and has now been taken up again."""
+        if not self.checkpoint.cut_off():
+            return False
+        why = self.checkpoint.objection()
+        wish = self.settings["resume"]
+        if wish == "never" or (wish == "watchdog" and machine.reset_cause() != machine.WDT_RESET):
+            why = "resume in config.json is %s" % wish
+        if why:
+            self.log(_INFO, "not going on with the run before: " + why)
+            self.save(self.checkpoint.close)
+            return False
+        self.wanted = True
+        self.save(self.restore)
+        return True
+
+    def restore(self, state, _period):
+        self.clock.set(self.checkpoint.restore(state))
+
+    def sampling(self):
+        """Whether samples are expected now."""
+        return self.mode != messages.IDLE and self.mode != messages.FAULT
+
+    def turn(self):
+        """A sample, if one waits; whether one did."""
+        try:
+            waiting = self.sampler.ready()
+            if waiting and self.sampler.read():
+                self.watchdog.feed()
+                self.advance()
+            return waiting
+        except SensorError as error:
+            self.mend(error)
+        return True
 
     def advance(self):
         """One sample through the core, and the messages that it gives rise to."""
         state = self.state
+        sample = self.sampler.sample
+        if state[_MODE] and sample[_FLAGS] >> 8 > self.params[_BRIDGE]:
+            navigator.resume(state)
+            self.broken_off()
         began = ticks_us()
-        events = navigator.tick(state, self.params, self.work, TABLES, self.sampler.sample)
+        events = navigator.tick(state, self.params, self.work, TABLES, sample)
         spent = ticks_diff(ticks_us(), began)
         if spent > self.worst:
             self.worst = spent
@@ -116,8 +186,49 @@ class Application:
             reports.snapshot(link, tick, state)
         if tick % self.second == 0:
             self.status()
+            self.check()
         if events & navigator.LOCKED_OUT:
             self.log(_WARNING, "zero velocity taken for granted: the filter had been locked out")
+        if self.clock.learned(self.sampler):
+            # They hold from the next tick on.
+            reports.parameters(link, tick, self.params)
+
+    def broken_off(self):
+        """The core has been told to go on after a gap: so must whoever follows it."""
+        self.mode = self.expected()
+        reports.snapshot(self.link, self.state[_TICK], self.state)
+
+    def expected(self):
+        """The mode in which samples leave the core as it is now."""
+        if self.state[_MODE]:
+            return messages.RUNNING
+        return messages.RESUMING if self.state[_RESUMED] else messages.ALIGNING
+
+    def check(self):
+        """Once a second: is the sensor still set up as it was? The core must not take wrong scales.
+
+        If not, the run goes back to where that was last sure, and on from there with a gap.
+        """
+        state = self.state
+        try:
+            sound = self.sensor.check()
+        except OSError:
+            return  # the bus: the sampler meets it as well, and knows what to do
+        if sound:
+            navigator.save(state, self.sure)
+            self.sure_tick = state[_TICK]
+            return
+        self.log(_WARNING, "the sensor's registers had changed: set up anew, check its supply")
+        navigator.load(state, self.sure, state[_TICK] - self.sure_tick)
+        self.broken_off()
+        self.mend(None)
+
+    def mend(self, error):
+        """Get samples flowing again after a failure."""
+        try:
+            self.supervisor.mend(error)
+        except SensorError as last:
+            self.fail(last)
 
     def rest(self):
         """Once a second without samples: tell the host, try a failed sensor again."""
@@ -125,18 +236,19 @@ class Application:
         self.sampler.keep_time()
         if self.mode == messages.FAULT and not self.failed_test:
             try:
-                self.retry()
+                self.supervisor.retry(self.retry)
             except SensorError as error:
                 self.fail(error)
+        self.watchdog.feed()
         self.status()
 
     def retry(self):
         """Go on where sampling broke off; SensorError where the sensor still fails."""
         if self.wanted and self.state[_TICK]:
             self.sampler.resume()
-            self.mode = messages.RUNNING if self.state[_MODE] else messages.ALIGNING
+            self.mode = self.expected()
         else:
-            self.wake()
+            self.wake(True)
             if not self.wanted:
                 self.recovered()
 
@@ -159,78 +271,23 @@ class Application:
             self.complaint = str(error)
             self.log(_ERROR, self.complaint)
 
-    def wake(self):
-        """Find the sensor, say who is here, sample if wanted. SensorError."""
-        self.sensor.wake()
+    def wake(self, test):
+        """Find the sensor, say who is here, sample if wanted. SensorError.
+
+        `test`: with the sensor's self-test, for which it has to be still.
+        """
+        self.sensor.wake(test)
         self.announce()
         if not self.wanted:
             self.sensor.sleep()
             self.mode = messages.IDLE
             return
         rate = self.sampler.start()
-        self.mode = messages.ALIGNING
+        self.clock.restart()
+        self.mode = self.expected()
         nominal = self.params[_RATE]
         if abs(rate - nominal) * 100 > nominal:
             self.log(
                 _WARNING,
                 "the sensor's nearest rate is %d mHz, the parameters are for %d" % (rate, nominal),
             )
-
-    def obey(self, command):
-        """Carry out a command, then acknowledge it."""
-        action = self.commands.get(command)
-        result = messages.UNKNOWN
-        if self.failed_test and command in (messages.ASK_START, messages.ASK_STOP):
-            result = messages.REFUSED
-        elif action:
-            result = messages.DONE
-            try:
-                action()
-            except SensorError as error:
-                self.fail(error)
-                result = messages.REFUSED
-        self.link.acknowledge(result, self.state[_TICK])
-
-    def announce(self):
-        tick = self.state[_TICK]
-        # fmt: off
-        reports.hello(
-            self.link, tick, self.params, self.pose_every, self.sensor.kind, self.board.name,
-            self.build, self.failed_test,
-        )
-        # fmt: on
-        reports.parameters(self.link, tick, self.params)
-
-    def start(self):
-        """A fresh static start."""
-        navigator.reset(self.state)
-        self.wanted = True
-        self.wake()
-
-    def stop(self):
-        """Idle. A sensor that doesn't answer is no reason to go on."""
-        self.wanted = False
-        self.mode = messages.IDLE
-        self.beat = ticks_ms()
-        try:
-            self.sampler.stop()
-        except SensorError as error:
-            self.log(_WARNING, str(error))
-
-    def ask_snapshot(self):
-        """With the next tick; at once where none is to come."""
-        if self.mode == messages.ALIGNING or self.mode == messages.RUNNING:
-            self.snapshot_asked = True
-        else:
-            reports.snapshot(self.link, self.state[_TICK], self.state)
-
-    def status(self):
-        temperature = self.sensor.temperature()
-        # fmt: off
-        reports.status(
-            self.link, self.state[_TICK], self.mode, self.sampler, temperature, self.worst
-        )
-        # fmt: on
-
-    def log(self, level, text):
-        reports.log(self.link, self.state[_TICK], level, text)
