@@ -1,18 +1,19 @@
 """The loop: samples into the core, messages out, commands in."""
 
-from array import array
 from binascii import crc32
 from time import ticks_diff, ticks_ms, ticks_us
 
 import config
 import machine
 import reports
+from blackbox import BlackBox
 from bus import Bus
 from checkpoint import Checkpoint
+from download import Download
 from link import Link
 from mpu9150 import Mpu9150, SensorError
 from sampler import Sampler
-from supervisor import Clock, Supervisor, Watchdog
+from supervisor import Clock, Trust, Watchdog
 
 from solenav_core import messages, navigator, selftest
 from solenav_core.framing import HEADER
@@ -41,39 +42,42 @@ class Application:
     def __init__(self, board, settings, params, problems):
         rate = params[_RATE]
         self.settings = settings
+        self.board = board
+        self.build = config.build()
+        self.problems = problems
         self.link = Link(board.uart)
-        self.bus = Bus(board)
-        self.sensor = Mpu9150(self.bus)
+        self.sensor = Mpu9150(Bus(board))
         # fmt: off
         self.sampler = Sampler(
             self.sensor, board.ready, rate, settings["sampling"] == "fifo", settings["dlpf"],
             settings["compass"],
         )
         # fmt: on
-        self.supervisor = Supervisor(self.bus, self.sampler)
-        self.watchdog = Watchdog(settings["watchdog"])
         self.clock = Clock(params)
         self.params = self.clock.params
         self.state = navigator.new_state()
         self.work = navigator.new_work()
-        self.board = board
-        self.build = config.build()
-        self.problems = problems
-        self.send_samples = settings["send_samples"]
-        self.pose_every = settings["pose_every"]
         self.second = max(1, (rate + 500) // 1000)  # ticks
         self.snapshot_ticks = settings["snapshot_s"] * self.second
+        self.send_samples = settings["send_samples"]
+        self.pose_every = settings["pose_every"]
         self.wanted = settings["autostart"]
         self.mode = messages.IDLE
         self.snapshot_asked = False
-        self.worst = 0
-        self.complaint = ""
-        # The run as it was when the sensor's registers were last seen to be right.
-        self.sure = array("i", bytes(4 * navigator.SAVED))
-        self.sure_tick = 0
+        # fmt: off
+        self.blackbox = BlackBox(
+            self.link, settings["blackbox"], settings["blackbox_samples"], self.second,
+            self.describe,
+        )
+        # fmt: on
+        self.download = Download(self.link, self.blackbox)
+        self.trust = Trust(self.sensor)
+        self.watchdog = Watchdog(settings["watchdog"])
         identity = crc32(params) ^ self.build[0]
         self.checkpoint = Checkpoint(identity, settings["checkpoint_s"] * self.second, self.second)
-        self.unsaved = False
+        self.unsaved = False  # the last checkpoint could not be written
+        self.worst = 0
+        self.complaint = ""
         self.failed_test = selftest.first_failure(EXPECTED)
         self.beat = ticks_ms()
         self.commands = {
@@ -82,6 +86,7 @@ class Application:
             messages.ASK_STOP: self.stop,
             messages.ASK_SNAPSHOT: self.ask_snapshot,
         }
+        self.commands.update(self.download.commands)
 
     def run(self):
         """For ever."""
@@ -93,57 +98,55 @@ class Application:
         for problem in self.problems:
             self.log(_ERROR, problem)
         while True:
-            command = self.link.receive(self.state[_TICK])
+            tick = self.state[_TICK]
+            command = self.link.receive(tick)
             if command:
                 self.obey(command)
             waiting = False
             if self.sampling():
-                waiting = self.turn()
+                waiting = self.take()
             elif ticks_diff(ticks_ms(), self.beat) >= 1000:
                 self.rest()
             self.link.pump()
-            if not waiting:
-                if self.checkpoint.due(self.state):
-                    self.save(self.checkpoint.save)
+            if not (waiting or self.spare(tick)):
                 machine.idle()
 
     def boot(self):
-        """Go on with a run that was cut off, else start or wait, as the settings say."""
-        going_on = self.take_up()
+        """Go on with a run that was cut off; else start or wait, as the settings say."""
+        going_on = self.reclaim()
         try:
             self.wake(not going_on)
         except SensorError as error:
             self.announce()
             self.fail(error)
         if going_on:
-            reports.snapshot(self.link, self.state[_TICK], self.state)
             self.log(_WARNING, "going on after a restart, from step %d" % self.state[_STEPS])
+            self.show_state()
 
-    def take_up(self):
-        """Whether a run was cut off by this boot and has now been taken up again."""
+    def reclaim(self):
+        """Take a run up again that this boot has cut off; whether there was one."""
         if not self.checkpoint.cut_off():
             return False
-        why = self.checkpoint.objection()
         wish = self.settings["resume"]
         if wish == "never" or (wish == "watchdog" and machine.reset_cause() != machine.WDT_RESET):
-            why = "resume in config.json is %s" % wish
+            why = "config.json has resume: " + wish
+        else:
+            why = self.checkpoint.objection()
         if why:
             self.log(_INFO, "not going on with the run before: " + why)
-            self.save(self.checkpoint.close)
+            self.end_run()
             return False
         self.wanted = True
-        self.save(self.restore)
+        self.clock.set(self.checkpoint.period)
+        self.keep(self.checkpoint.restore, self.state)
         return True
 
-    def restore(self, state, _period):
-        self.clock.set(self.checkpoint.restore(state))
-
     def sampling(self):
-        """Whether samples are expected now."""
+        """Whether samples are to come."""
         return self.mode != messages.IDLE and self.mode != messages.FAULT
 
-    def turn(self):
-        """A sample, if one waits; whether one did."""
+    def take(self):
+        """A sample, if one waits; whether one may have."""
         try:
             waiting = self.sampler.ready()
             if waiting and self.sampler.read():
@@ -151,8 +154,15 @@ class Application:
                 self.advance()
             return waiting
         except SensorError as error:
-            self.mend(error)
-        return True
+            self.fail(error)
+        return False
+
+    def spare(self, tick):
+        """What takes its time, one piece, now that no sample waits. False: nothing to do."""
+        if self.checkpoint.due(self.state):
+            self.keep(self.checkpoint.save, self.state, self.sampler.period())
+            return True
+        return self.download.step(tick) or self.blackbox.step(tick)
 
     def advance(self):
         """One sample through the core, and the messages that it gives rise to."""
@@ -160,7 +170,7 @@ class Application:
         sample = self.sampler.sample
         if state[_MODE] and sample[_FLAGS] >> 8 > self.params[_BRIDGE]:
             navigator.resume(state)
-            self.broken_off()
+            self.show_state()
         began = ticks_us()
         events = navigator.tick(state, self.params, self.work, TABLES, sample)
         spent = ticks_diff(ticks_us(), began)
@@ -184,18 +194,20 @@ class Application:
         if due or self.snapshot_asked:
             self.snapshot_asked = False
             reports.snapshot(link, tick, state)
-        if tick % self.second == 0:
-            self.status()
-            self.check()
         if events & navigator.LOCKED_OUT:
             self.log(_WARNING, "zero velocity taken for granted: the filter had been locked out")
-        if self.clock.learned(self.sampler):
+        if self.clock.follow(self.sampler):
             # They hold from the next tick on.
             reports.parameters(link, tick, self.params)
+        if tick % self.second == 0:
+            self.status()
+            if not self.trust.keeps(state):
+                self.distrust()
 
-    def broken_off(self):
-        """The core has been told to go on after a gap: so must whoever follows it."""
-        self.mode = self.expected()
+    def show_state(self):
+        """The core goes on from another state: whoever follows it needs that."""
+        if self.sampling():
+            self.mode = self.expected()
         reports.snapshot(self.link, self.state[_TICK], self.state)
 
     def expected(self):
@@ -204,31 +216,11 @@ class Application:
             return messages.RUNNING
         return messages.RESUMING if self.state[_RESUMED] else messages.ALIGNING
 
-    def check(self):
-        """Once a second: is the sensor still set up as it was? The core must not take wrong scales.
-
-        If not, the run goes back to where that was last sure, and on from there with a gap.
-        """
-        state = self.state
-        try:
-            sound = self.sensor.check()
-        except OSError:
-            return  # the bus: the sampler meets it as well, and knows what to do
-        if sound:
-            navigator.save(state, self.sure)
-            self.sure_tick = state[_TICK]
-            return
-        self.log(_WARNING, "the sensor's registers had changed: set up anew, check its supply")
-        navigator.load(state, self.sure, state[_TICK] - self.sure_tick)
-        self.broken_off()
-        self.mend(None)
-
-    def mend(self, error):
-        """Get samples flowing again after a failure."""
-        try:
-            self.supervisor.mend(error)
-        except SensorError as last:
-            self.fail(last)
+    def distrust(self):
+        """The last second's samples were none: the run has gone back to before, with a gap."""
+        self.log(_WARNING, "the sensor had lost its settings: set up anew; check its supply")
+        self.show_state()
+        self.sampler.resume()
 
     def rest(self):
         """Once a second without samples: tell the host, try a failed sensor again."""
@@ -236,7 +228,7 @@ class Application:
         self.sampler.keep_time()
         if self.mode == messages.FAULT and not self.failed_test:
             try:
-                self.supervisor.retry(self.retry)
+                self.retry()
             except SensorError as error:
                 self.fail(error)
         self.watchdog.feed()
@@ -274,7 +266,7 @@ class Application:
     def wake(self, test):
         """Find the sensor, say who is here, sample if wanted. SensorError.
 
-        `test`: with the sensor's self-test, for which it has to be still.
+        `test`: with the sensor's self-test, for which it has to lie still.
         """
         self.sensor.wake(test)
         self.announce()
@@ -284,10 +276,91 @@ class Application:
             return
         rate = self.sampler.start()
         self.clock.restart()
+        self.trust.restart(self.state)
         self.mode = self.expected()
         nominal = self.params[_RATE]
-        if abs(rate - nominal) * 100 > nominal:
+        if abs(rate - nominal) * 10 > nominal:
             self.log(
                 _WARNING,
                 "the sensor's nearest rate is %d mHz, the parameters are for %d" % (rate, nominal),
             )
+
+    def obey(self, command):
+        """Carry out a command, then acknowledge it."""
+        action = self.commands.get(command)
+        result = messages.UNKNOWN
+        if self.failed_test and command in (messages.ASK_START, messages.ASK_STOP):
+            result = messages.REFUSED
+        elif action:
+            try:
+                result = action() or messages.DONE
+            except SensorError as error:
+                self.fail(error)
+                result = messages.REFUSED
+        self.link.acknowledge(result, self.state[_TICK])
+
+    def announce(self):
+        tick = self.state[_TICK]
+        # fmt: off
+        reports.hello(
+            self.link, tick, self.params, self.pose_every, self.sensor, self.board.name,
+            self.build, self.failed_test,
+        )
+        # fmt: on
+        reports.parameters(self.link, tick, self.params)
+
+    def describe(self):
+        """What a file of the black box begins with."""
+        self.announce()
+        if self.settings["blackbox_samples"]:
+            self.ask_snapshot()
+
+    def start(self):
+        """A fresh static start."""
+        self.end_run()
+        navigator.reset(self.state)
+        self.wanted = True
+        self.wake(True)
+
+    def stop(self):
+        """Idle. A sensor that doesn't answer is no reason to go on."""
+        self.wanted = False
+        self.mode = messages.IDLE
+        self.beat = ticks_ms()
+        self.end_run()
+        try:
+            self.sampler.stop()
+        except SensorError as error:
+            self.log(_WARNING, str(error))
+
+    def end_run(self):
+        """Nobody is to go on with it."""
+        self.keep(self.checkpoint.close, self.state, self.sampler.period())
+
+    def keep(self, write, *what):
+        """Let the checkpoint write something down; a flash that refuses is told once."""
+        try:
+            write(*what)
+            self.unsaved = False
+        except OSError as error:
+            if not self.unsaved:
+                self.log(_WARNING, "can't save the run to flash: %s" % error)
+            self.unsaved = True
+
+    def ask_snapshot(self):
+        """With the next tick; at once where none is to come."""
+        if self.sampling():
+            self.snapshot_asked = True
+        else:
+            reports.snapshot(self.link, self.state[_TICK], self.state)
+
+    def status(self):
+        temperature = self.sensor.temperature()
+        # fmt: off
+        reports.status(
+            self.link, self.state[_TICK], self.mode, self.sampler, temperature, self.worst
+        )
+        # fmt: on
+
+    def log(self, level, text):
+        reports.log(self.link, self.state[_TICK], level, text)

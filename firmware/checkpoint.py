@@ -32,7 +32,8 @@ _STEPS = _AT["STEPS"]
 class Checkpoint:
     """Records of a run, one in `every` ticks (0: none), `second` ticks being a second.
 
-    `identity`: a hash of all that must be the same for a record to mean the same.
+    `identity`: a hash of all that must be the same for a record to mean the same. `period`: the
+    sample period of the newest record, Q8 µs, 0 if there is none.
     """
 
     def __init__(self, identity, every, second):
@@ -48,7 +49,7 @@ class Checkpoint:
         self._mine = True  # the newest record is of this identity
         self._tries = 0  # boots that have gone on from it
         self._ticks = 0  # most ticks that the run went on after it
-        self._period = 0
+        self.period = 0
         self._steps = 0
         self._last = 0  # tick of the last record
         for slot in range(2):
@@ -69,7 +70,7 @@ class Checkpoint:
         return ""
 
     def restore(self, state):
-        """The run that was cut off into `state`; its learned sample period, Q8 µs.
+        """The run that was cut off into `state`, with a gap.
 
         OSError where the try can't be noted in flash; `state` is right all the same.
         """
@@ -78,7 +79,6 @@ class Checkpoint:
         load(state, self._words, self._ticks * self._tries)
         self._last = state[_TICK]
         self._write()
-        return self._period
 
     def due(self, state):
         """Whether it is time, and a good one: in stance, unless there was none for 2 s."""
@@ -104,7 +104,7 @@ class Checkpoint:
         self._mine = True
         self._tries = 0
         self._ticks = self._outlives
-        self._period = period
+        self.period = period
         self._steps = state[_STEPS]
         self._write()
 
@@ -115,7 +115,7 @@ class Checkpoint:
         # fmt: off
         pack_into(
             _HEAD, record, 0, _MAGIC, self._serial, self._identity, self._kind, self._tries,
-            self._ticks, self._period, self._steps,
+            self._ticks, self.period, self._steps,
         )
         # fmt: on
         record[_BODY:-4] = bytes(self._words)
@@ -143,6 +143,6 @@ class Checkpoint:
         self._mine = identity == self._identity
         self._tries = tries
         self._ticks = ticks
-        self._period = period
+        self.period = period
         self._steps = steps
         self._words = array("i", record[_BODY:-4])

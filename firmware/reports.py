@@ -65,12 +65,13 @@ def status(link, tick, mode, sampler, temperature, worst):
     """Counters. Collects garbage first, so that the heap figure is what is really free."""
     gc.collect()
     dropped = link.outbox.dropped
+    box = link.blackbox
     # fmt: off
     pack_into(
         FORMATS[STATUS], link.frame, HEADER, mode, sampler.samples, sampler.overruns,
         sampler.gaps, sampler.lost, 0, 0, sampler.bus_errors, sampler.recoveries, 400,
-        sampler.clipped, dropped[0], dropped[1], dropped[2], link.damaged, 0, 0, 0, temperature,
-        sampler.period(), worst, gc.mem_free(),
+        sampler.clipped, dropped[0], dropped[1], dropped[2], link.damaged,
+        link.refused, box.logged, box.lost, temperature, sampler.period(), worst, gc.mem_free(),
     )
     # fmt: on
     link.send(STATUS, tick, HEADER + SIZES[STATUS])
