@@ -13,6 +13,7 @@ def open() -> Board:
     """The board's bus, pin and UART, set up."""
     # fmt: off
     return Board(
-        machine.I2C(freq=400_000), machine.Pin(READY_PIN), machine.UART(baud), "simulated", baud,
+        lambda freq: machine.I2C(freq=freq), 5, 4, machine.Pin(READY_PIN), machine.UART(baud),
+        "simulated", baud, None,
     )
     # fmt: on
