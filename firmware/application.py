@@ -168,7 +168,7 @@ class Application:
         """One sample through the core, and the messages that it gives rise to."""
         state = self.state
         sample = self.sampler.sample
-        if state[_MODE] and sample[_FLAGS] >> 8 > self.params[_BRIDGE]:
+        if state[_MODE] and sample[_FLAGS] >> 8 > 2 * self.params[_BRIDGE]:
             navigator.resume(state)
             self.show_state()
         began = ticks_us()
