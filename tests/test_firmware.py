@@ -209,7 +209,7 @@ def test_a_feed_file(tmp_path: Path) -> None:
     feed = still(300)
     path = tmp_path / "still.feed"
     records = [
-        struct.pack("<I7h", t, *c[:3], temperature, *c[3:])
+        struct.pack("<I10h", t, *c[:3], temperature, *c[3:], *[-32768] * 3)
         for t, c, temperature in zip(
             feed.time_us.tolist(), feed.counts.tolist(), feed.temperature.tolist(), strict=True
         )
@@ -363,9 +363,10 @@ def test_another_sensor_is_named() -> None:
     assert len(client.named("SAMPLE")) == 50
 
 
-def during(first: int, last: int, after_us: int = 1000) -> tuple[int, int]:
-    """The times of samples `first` to `last`, by index."""
-    return FIRST + first * PERIOD - 100, FIRST + last * PERIOD + after_us
+def silence(first: int, last: int, after_us: int = 1000) -> list[dict[str, Any]]:
+    """Nothing acknowledges at the times of samples `first` to `last`, by index."""
+    begin, end = FIRST + first * PERIOD - 100, FIRST + last * PERIOD + after_us
+    return [{"kind": "nack", "at": begin, "for": end - begin}]
 
 
 def lost(client: Client, feed: Samples) -> NDArray[np.int64]:
@@ -376,7 +377,7 @@ def lost(client: Client, feed: Samples) -> NDArray[np.int64]:
 
 def test_a_short_bus_failure() -> None:
     feed = still()
-    client = run(feed, nacks=[during(400, 400)])
+    client = run(feed, faults=silence(400, 400))
     status = client.named("STATUS")[-1].fields
     assert (status["bus_errors"], status["gaps"], status["recoveries"]) == (2, 1, 0)
     assert lost(client, feed).tolist() == [400]
@@ -387,7 +388,7 @@ def test_a_short_bus_failure() -> None:
 
 def test_a_bus_failure_that_a_fresh_start_mends() -> None:
     feed = still()
-    client = run(feed, nacks=[during(400, 401, after_us=20)])
+    client = run(feed, faults=silence(400, 401, after_us=20))
     status = client.named("STATUS")[-1].fields
     assert (status["bus_errors"], status["gaps"], status["recoveries"]) == (3, 1, 1)
     gone = lost(client, feed)
@@ -398,7 +399,7 @@ def test_a_bus_failure_that_a_fresh_start_mends() -> None:
 
 def test_a_bus_failure_that_lasts() -> None:
     feed = still()
-    client = run(feed, nacks=[during(400, 450)])
+    client = run(feed, faults=silence(400, 450))
     (level, text), mended = client.texts()
     assert level == "error"
     assert "no answer from 0x68" in text

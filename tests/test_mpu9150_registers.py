@@ -85,10 +85,19 @@ def read(model: Mpu9150, register: int, count: int = 1, address: int = 0x68) -> 
     return values
 
 
+def awake() -> Mpu9150:
+    """A sensor out of sleep, its start-up over."""
+    sensor = Mpu9150()
+    write(sensor, 0x6B, 0)
+    simtime.advance(100_000)
+    return sensor
+
+
 def test_registers_after_power_up() -> None:
     sensor = Mpu9150()
-    registers = read(sensor, 0, 128)
-    assert {i: v for i, v in enumerate(registers) if v} == {0x6B: 0x40, 0x75: 0x68}
+    registers = read(sensor, 0, 0x74) + [0] + read(sensor, 0x75, 11)
+    found = {i: v for i, v in enumerate(registers) if v and not 0x0D <= i <= 0x10}
+    assert found == {0x6B: 0x40, 0x75: 0x68}
     assert not sensor.sampling
 
 
@@ -111,10 +120,9 @@ def test_the_compass_is_seen_through_the_bypass_only() -> None:
 
 
 def test_a_burst_runs_over_the_registers() -> None:
-    sensor = Mpu9150()
+    sensor = awake()
     write(sensor, 0x19, 4, 1, 0x18, 0x18)
     assert read(sensor, 0x19, 4) == [4, 1, 0x18, 0x18]
-    write(sensor, 0x6B, 0)
     sensor.sample((1, -1, 2048, -521, 32767, -32768, 0))
     raw = bytes(read(sensor, 0x3B, 14))
     assert struct.unpack(">7h", raw) == (1, -1, 2048, -521, 32767, -32768, 0)
@@ -137,6 +145,9 @@ def test_reset_puts_it_back_to_sleep() -> None:
     assert sensor.sampling
     write(sensor, 0x6B, 0x80)
     assert not sensor.sampling
+    assert read(sensor, 0x6B) == [0xC0]
+    write(sensor, 0x38, 1)  # too early
+    simtime.advance(100_000)
     assert read(sensor, 0x38) == [0]
     assert read(sensor, 0x6B) == [0x40]
 
@@ -149,8 +160,7 @@ def test_asleep_it_measures_nothing() -> None:
 
 
 def test_full_scale_decides_what_a_count_is() -> None:
-    sensor = Mpu9150()
-    write(sensor, 0x6B, 0)
+    sensor = awake()
     sensor.sample((100, -100, 5000, 7, 100, -5000, 0))
     raw = bytes(read(sensor, 0x3B, 14))
     assert struct.unpack(">7h", raw) == (800, -800, 32767, 7, 800, -32768, 0)
@@ -173,7 +183,7 @@ def test_the_interrupt_line(pin_config: int, edges: list[bool]) -> None:
 
 
 def test_period() -> None:
-    sensor = Mpu9150()
+    sensor = awake()
     write(sensor, 0x19, 4, 1)
     assert sensor.period_us == 5000
     write(sensor, 0x1A, 0)
@@ -241,7 +251,7 @@ def test_what_is_no_mpu9150(firmware: dict[str, Any], model: Mpu9150) -> None:
     assert device.kind == messages.SENSORS.index("MPU-6050")
 
     machine.wire(model, None)
-    model.registers[0x75] = 0x70
+    model.identity = 0x70
     bus.writes.clear()
     with pytest.raises(driver.SensorError, match=r"WHO_AM_I 0x70 at 0x68"):
         device.wake()
@@ -272,7 +282,7 @@ def test_a_sample_for_each_pulse(sampler: tuple[Any, Bus], model: Mpu9150) -> No
         pulse(model, (i, 0, 2048, 100, 1, -2, 3))
         assert made.ready()
         assert made.read()
-        assert made.sample.tolist() == [i, 0, 2048, 1, -2, 3]
+        assert made.sample.tolist()[:6] == [i, 0, 2048, 1, -2, 3]
         assert made.flags == 0
         times.append(made.time)
     assert made.samples == 5
