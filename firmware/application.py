@@ -23,6 +23,7 @@ from solenav_core.tables.lookup import TABLES
 from solenav_core.tables.selftest import EXPECTED
 
 _INFO, _WARNING, _ERROR = 0, 1, 2
+_CHECKS = 4  # of the sensor's settings, in a second
 _AT = offsets(STATE_FIELDS)
 _TICK = _AT["TICK"]
 _MODE = _AT["MODE"]
@@ -59,6 +60,10 @@ class Application:
         self.work = navigator.new_work()
         self.second = max(1, (rate + 500) // 1000)  # ticks
         self.snapshot_ticks = settings["snapshot_s"] * self.second
+        self.check_ticks = max(1, self.second // _CHECKS)
+        # Up to twice as many as the core bridges with confidence it is nearer to the truth by
+        # bridging, flagged, than by starting from the next stance: half a swing in the simulator.
+        self.bridge = 2 * params[_BRIDGE]
         self.send_samples = settings["send_samples"]
         self.pose_every = settings["pose_every"]
         self.wanted = settings["autostart"]
@@ -168,9 +173,11 @@ class Application:
         """One sample through the core, and the messages that it gives rise to."""
         state = self.state
         sample = self.sampler.sample
-        if state[_MODE] and sample[_FLAGS] >> 8 > 2 * self.params[_BRIDGE]:
+        lost = sample[_FLAGS] >> 8
+        if state[_MODE] and lost > self.bridge:
             navigator.resume(state)
             self.show_state()
+            self.log(_WARNING, "%d samples lost: going on with the next stance" % self.sampler.lost)
         began = ticks_us()
         events = navigator.tick(state, self.params, self.work, TABLES, sample)
         spent = ticks_diff(ticks_us(), began)
@@ -201,8 +208,8 @@ class Application:
             reports.parameters(link, tick, self.params)
         if tick % self.second == 0:
             self.status()
-            if not self.trust.keeps(state):
-                self.distrust()
+        if tick % self.check_ticks == 0 and not self.trust.keeps(state):
+            self.distrust()
 
     def show_state(self):
         """The core goes on from another state: whoever follows it needs that."""
@@ -217,7 +224,7 @@ class Application:
         return messages.RESUMING if self.state[_RESUMED] else messages.ALIGNING
 
     def distrust(self):
-        """The last second's samples were none: the run has gone back to before, with a gap."""
+        """The samples of late were none: the run has gone back to before them, with a gap."""
         self.log(_WARNING, "the sensor had lost its settings: set up anew; check its supply")
         self.show_state()
         self.sampler.resume()

@@ -68,8 +68,8 @@ def _apart(period_q8, params, parts):
 class Trust:
     """Whether the sensor measures as it was told to: it may lose that to a dip of its supply.
 
-    Half a g looks like a g then, and nothing else tells. So the run is kept as it was when the
-    registers were last seen to be right.
+    At another scale a g looks like eight, and nothing else tells. So the run is kept as it was
+    when the registers were last seen to be right.
     """
 
     def __init__(self, sensor):
@@ -83,7 +83,7 @@ class Trust:
         self._tick = state[_TICK]
 
     def keeps(self, state):
-        """Once a second: False where the registers have changed since the last time.
+        """Now and then: False where the registers have changed since the last time.
 
         `state` has gone back to then, with a gap, and is to go on from there.
         """
