@@ -23,6 +23,7 @@ _OFF = const(1000)  # a clock that is off by one part in so many gets parameters
 _WRONG = const(10)  # off by one part in so few, it is no clock: something else is wrong
 
 _BOOT_WINDOW_MS = const(8000)
+_BITTEN_WINDOW_MS = const(2000)
 _TIMEOUT_MS = const(8388)  # the longest that an RP2040's watchdog waits
 
 
@@ -99,13 +100,16 @@ class Trust:
 
 
 class Watchdog:
-    """Restarts the board once nobody has fed it for 8.4 s. The first meal after 8 s arms it.
+    """Restarts the board once nobody has fed it for 8.4 s.
 
-    Until then a person can get in through the REPL; afterwards nothing stops it.
+    The first meal after the boot window arms it: 8 s in which a person can get in through the
+    REPL, 2 s after a restart by watchdog, as what has hung may hang again. Nothing stops it then.
     """
 
     def __init__(self, wanted):
+        bitten = machine.reset_cause() == machine.WDT_RESET
         self._wanted = wanted
+        self._window = _BITTEN_WINDOW_MS if bitten else _BOOT_WINDOW_MS
         self._since = ticks_ms()
         self._dog = None
 
@@ -113,7 +117,7 @@ class Watchdog:
         """The loop has made progress."""
         if self._dog:
             self._dog.feed()
-        elif self._wanted and ticks_diff(ticks_ms(), self._since) >= _BOOT_WINDOW_MS:
+        elif self._wanted and ticks_diff(ticks_ms(), self._since) >= self._window:
             self.arm()
 
     def arm(self):
