@@ -95,6 +95,8 @@ class Ak8975:
             self._mode(_FUSE_ROM)
             self._bus.read_into(ADDRESS, _ASAX, self._adjust)
             self._mode(_POWER_DOWN)
+            # A reading from before, which would pass for a new one, is gone once it is read.
+            self._bus.read_into(ADDRESS, ST1, self._window)
         except OSError:
             return False
         return True

@@ -272,9 +272,17 @@ class Mpu9150:
         """
         self._go(BYPASS if self.way == AUXILIARY else NO_WAY)
 
+    def answers(self):
+        """Whether one read of its identity goes well."""
+        try:
+            self.bus.read_into(self._address, _WHO_AM_I, self._status)
+        except OSError:
+            return False
+        return self._status[0] == _IDENTITY
+
     def temperature(self):
         """Of the sample read last: 340 counts a °C, 0 at 35 °C."""
-        return (((self.raw[6] << 8) | self.raw[7]) ^ 0x8000) - 0x8000
+        return (((self._last[6] << 8) | self._last[7]) ^ 0x8000) - 0x8000
 
     def _decoded(self, sample):
         flags = decode(self.raw, self._last, sample)
@@ -289,11 +297,18 @@ class Mpu9150:
 
     def _identify(self):
         found = 0
-        for _ in range(3):  # a bit may have been lost on the way
-            found = self._read(_WHO_AM_I)
-            if found == _IDENTITY:
-                return
-        raise SensorError(
+        complaint = None
+        # After power-up or a reset by itself it takes 100 ms until it answers rightly.
+        for _ in range(5):
+            try:
+                found = self._read(_WHO_AM_I)
+                complaint = None
+                if found == _IDENTITY:
+                    return
+            except SensorError as error:
+                complaint = error
+            time.sleep_ms(30)
+        raise complaint or SensorError(
             "WHO_AM_I 0x%02X at 0x%02X is %s, no MPU-9150 (0x68): check the sensor's type"
             % (found, self._address, _RELATIVES.get(found, "an unknown chip"))
         )

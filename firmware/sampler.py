@@ -22,9 +22,14 @@ _LOST_MAX = const(127)
 _ALIKE = const(256)  # mpu9150.ALIKE
 _I_FLAGS = const(9)
 
-_FAILURES_MAX = const(3)  # failed transfers in a row: the sensor is set up anew
+# Failed transfers in a row after which the sensor is set up anew. The FIFO can wait: there the
+# first is followed by another at once, the others by one with each pulse.
+_FAILURES_MAX = const(3)
+_FIFO_FAILURES_MAX = const(6)
+_PROBES = const(20)  # reads of its identity that a bus must carry to be fast again
 _ATTEMPTS_MAX = const(2)  # times that it is, without a sample in between
 _SILENT_PERIODS = const(10)
+_TRUSTED = const(3)  # different samples in a row after frozen ones
 _SPIKES_MAX = const(3)  # in a row; a fourth is no spike
 
 _FRACTION = const(12)  # bits of the learned period: 256 ms still fit a small int
@@ -35,7 +40,7 @@ _SILENCE_MIN = const(50_000)  # µs
 
 # Each failed transfer is worth so many good ones; above the limit the bus is slowed down.
 _STRAIN = const(64)
-_STRAIN_MAX = const(640)
+_STRAIN_MAX = const(512)
 _CALM = const(12000)  # samples without an error after which it may be fast again
 
 # Jumps from sample to sample that no foot makes, in counts. Over all 30 foot recordings of
@@ -140,7 +145,7 @@ class Sampler:
         self._missing = 0  # samples lost since the last good one
         self._row = 0  # spikes among them, in a row
         self._alike = 0
-        self._stuck = False
+        self._stuck = 0  # different samples still to come after frozen ones
         self._empty = 0
         self._failures = 0
         self._attempts = 0
@@ -187,6 +192,8 @@ class Sampler:
             bus.open(khz or SLOW)
             try:
                 self._sensor.wake()
+                if bus.khz == SLOW:
+                    self._try_fast()
                 self._run()
             except SensorError as error:
                 complaint = error
@@ -215,10 +222,10 @@ class Sampler:
     def read(self):
         """Take a sample; False where there is none that is new and sound.
 
-        A failed transfer is tried once more; after three failures in a row, or with data frozen
-        to the bit for 1/8 s, the sensor is set up anew; SensorError where that fails or has
-        been tried twice without a sample. A spike is dropped; so is every frozen sample once
-        they are known to be.
+        A failed transfer is tried again; after some failures in a row, or with data frozen to the
+        bit for 1/8 s, the sensor is set up anew; SensorError where that fails or has been tried
+        twice without a sample. A spike is dropped; so is every frozen sample once they are
+        known to be.
         """
         self._watch_bus()
         try:
@@ -279,6 +286,14 @@ class Sampler:
             self._period = (1_000_000_000 << _FRACTION) // rate
         self._errors = self._bus.errors
         return rate
+
+    def _try_fast(self):
+        """It may have been the sensor that wasn't there at the fast clock, not the bus."""
+        self._bus.open(FAST)
+        for _ in range(_PROBES):
+            if not self._sensor.answers():
+                self._bus.open(SLOW)
+                return
 
     def _break_off(self):
         """What the sensor has and what is known of it no longer fit."""
@@ -353,7 +368,6 @@ class Sampler:
         except OSError:
             self._suspect = waiting
             self._suspected = count
-            self._more = True
             raise
         self._failures = 0
         self._empty = 0
@@ -415,21 +429,30 @@ class Sampler:
         self._rest = change % n
 
     def _is_frozen(self, flags):
+        """Whether the sample is one of frozen data; then it is lost.
+
+        Once they were frozen, it takes three different samples in a row to trust them again.
+        """
         if not flags & _ALIKE:
             self._alike = 0
-            self._stuck = False
-            return False
-        self._alike += 1
-        if self._alike >= self._alike_max:
-            self._alike = 0
-            self._stuck = True
-            self.frozen += 1
-            self._missing += 1
-            self._anew("the sensor's data are frozen: check its power")
-            return True
-        if self._stuck:
-            self._missing += 1
-        return self._stuck
+            if not self._stuck:
+                return False
+            self._stuck -= 1
+        else:
+            self._alike += 1
+            if self._alike < self._alike_max:
+                if not self._stuck:
+                    return False
+                self._stuck = _TRUSTED
+            else:
+                self._alike = 0
+                self._stuck = _TRUSTED
+                self.frozen += 1
+                self._missing += 1
+                self._anew("the sensor's data are frozen: check its power")
+                return True
+        self._missing += 1
+        return True
 
     def _without_spike(self, flags):
         """The flags of the sample; _SPIKE where it is one, which is counted then."""
@@ -479,7 +502,12 @@ class Sampler:
 
     def _fail(self):
         self._failures += 1
-        if self._failures >= _FAILURES_MAX:
+        most = _FAILURES_MAX
+        if self._sensor.fifo:
+            most = _FIFO_FAILURES_MAX
+            self._seen = self._count
+            self._more = self._failures == 1
+        if self._failures >= most:
             self._failures = 0
             self._anew("the sensor's transfers fail: check SDA, SCL")
 
