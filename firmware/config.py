@@ -12,10 +12,21 @@ _DEFAULTS = {
     "send_samples": True,
     "snapshot_s": 10,
     "autostart": True,
+    "sampling": "fifo",
+    "dlpf": 1,
+    "compass": True,
     "blackbox": "stop",
     "blackbox_samples": False,
+    "watchdog": True,
+    "checkpoint_s": 10,
+    "resume": "always",
 }
-_CHOICES = {"blackbox": ("off", "stop", "overwrite")}
+_CHOICES = {
+    "sampling": ("fifo", "ready"),
+    "dlpf": (1, 2, 3, 4, 5, 6),
+    "blackbox": ("off", "stop", "overwrite"),
+    "resume": ("always", "watchdog", "never"),
+}
 _RATES = (1000, 1_000_000)  # mHz that the sensor's divider and the timing can follow
 
 

@@ -149,6 +149,7 @@ class Mpu9150:
         self._count = bytearray(2)
         self._status = bytearray(1)
         self._chosen = (0, 0, 0)  # divider, DLPF, samples in which to measure the field once
+        self._settings = ()  # of `check`: first register, values, room to read them
 
     def wake(self, test=False):
         """Reset the sensor, find out what it is, leave it awake but not sampling (175 ms).
@@ -242,6 +243,17 @@ class Mpu9150:
         # It takes the reset only while it's off.
         self._write(_USER_CTRL, _FIFO_RESET | master)
         self._write(_USER_CTRL, _FIFO_ON | master)
+
+    def check(self):
+        """Whether the registers still say what `sample` wrote: a dip of the supply resets them.
+
+        OSError. Allocates nothing. Not read: those of the auxiliary master, whose status clears.
+        """
+        for first, settings, read in self._settings:
+            self.bus.read_into(self._address, first, read)
+            if read != settings:
+                return False
+        return True
 
     def compass_is_lost(self, samples):
         """Whether the magnetometer has been silent for so many samples. OSError."""
@@ -344,6 +356,14 @@ class Mpu9150:
         elif auxiliary:
             self._write(_USER_CTRL, _MASTER_ON)
         self._write(_INT_ENABLE, 0x01)
+        interrupts = bytes([0x02 if way == BYPASS else 0x00, 0x01])
+        control = (_FIFO_ON if self.fifo else 0) | (_MASTER_ON if auxiliary else 0)
+        expected = (
+            (_SMPLRT_DIV, bytes([divider, dlpf, 3 << 3, 3 << 3])),
+            (_INT_PIN_CFG, interrupts),
+            (_USER_CTRL, bytes([control, 0x01])),
+        )
+        self._settings = tuple([(at, values, bytearray(len(values))) for at, values in expected])
 
     def _settle(self, settings):
         """Write (register, value) pairs until all of them read back. SensorError."""

@@ -107,7 +107,8 @@ builtins.open = flash.open
 code = 0
 try:
     if not (playback and playback.over):
-        execfile("main.py")  # noqa: F821
+        # Names of its own: it may use any of this script's.
+        execfile("main.py", {"__name__": "__main__"})  # noqa: F821
 except SystemExit as ended:
     code = ended.args[0] if ended.args else 0
 except Exception as error:
