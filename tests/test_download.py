@@ -12,6 +12,7 @@ from binascii import crc32
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -26,6 +27,7 @@ from test_firmware import Client, still
 from solenav import capture, link
 from solenav.capture.sidecar import read_sidecar
 from solenav.errors import SolenavError
+from solenav.sim.board import simtime
 from solenav.verify import verify
 from solenav_core import messages
 from solenav_tools import download, firmware_run, recorder
@@ -72,14 +74,12 @@ class Line:
 
 
 @pytest.fixture(autouse=True, scope="module")
-def impatient() -> Iterator[None]:
-    """This process's boards answer at once, or the answer is lost."""
+def simulated_time() -> Iterator[None]:
+    """The host waits on the clock of the board at the other end of the line."""
+    clock = SimpleNamespace(monotonic=lambda: simtime.now() * 1e-6)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(download, "_PATIENCE_S", 0.05)
-        patch.setattr(download, "_IN_FLIGHT_S", 0.01)
-        patch.setattr(download, "_TRIES", 200)
-        patch.setattr(download, "_HELLO_TRIES", 200)
-        patch.setattr(recorder, "LISTEN_S", 0.02)
+        patch.setattr(download, "time", clock)
+        patch.setattr(recorder, "time", clock)
         yield
 
 
@@ -330,7 +330,12 @@ def test_interrupted_it_says_how_to_go_on_and_does(walk: Path, tmp_path: Path) -
         assert again.stdout.strip() == "the black box is empty"
 
 
-def test_navigation_goes_on_meanwhile(walk: Path, tmp_path: Path) -> None:
+def test_navigation_goes_on_meanwhile(
+    walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(download, "time", time)
+    monkeypatch.setattr(recorder, "time", time)
+
     class Tee:
         """A port that keeps what passes."""
 
