@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -12,8 +13,8 @@ from logging_board import SECOND, Board, wanted
 from solenav import link
 from solenav.sim.board import flash
 from solenav_core import messages
-
-RESERVE = 65536
+from solenav_tools.micropython import find_micropython
+from solenav_tools.staging import stage
 
 
 def is_subsequence(part: list[tuple[int, int]], whole: list[tuple[int, int]]) -> bool:
@@ -249,3 +250,71 @@ def test_an_hour_fits_in_a_pico(tmp_path: Path) -> None:
     board.run(600)
     board.box.close()
     assert board.box.logged * 6 < 1_000_000
+
+
+ALLOCATION = """
+import gc
+import sys
+
+sys.path[:] = [""]
+from solenav.sim.board import machine, simtime
+
+sys.modules["machine"] = machine
+sys.modules["time"] = simtime
+from blackbox import BlackBox
+from download import Download
+from link import Link
+
+from solenav_core.framing import HEADER
+from solenav_core.messages import POSE, SAMPLE, SIZES, STATUS
+
+
+class Uart:
+    def write(self, buffer, offset, length):
+        return length
+
+    def any(self):
+        return 0
+
+
+link = Link(Uart())
+box = BlackBox(link, "stop", EVERYTHING, 200, lambda: None)
+download = Download(link, box)
+KINDS = (SAMPLE, POSE, STATUS)
+
+
+def passes(n):
+    for tick in range(n):
+        link.receive(tick)
+        for kind in KINDS:
+            link.send(kind, tick, HEADER + SIZES[kind])
+        download.step(tick) or box.step(tick)
+        link.pump()
+
+
+def allocated(n):
+    gc.collect()
+    gc.disable()
+    before = gc.mem_alloc()
+    passes(n)
+    spent = gc.mem_alloc() - before
+    gc.enable()
+    return spent
+
+
+passes(3)
+print(allocated(5), box.ring.used > 0)
+box.listen()
+passes(200)
+print(allocated(300), box.ring.used > 1000)
+"""
+
+
+@pytest.mark.parametrize("everything", [False, True])
+def test_nothing_is_allocated_per_frame(everything: bool, tmp_path: Path) -> None:
+    """Neither while frames wait to be written nor while old ones make room for new ones."""
+    stage(tmp_path, {})
+    (tmp_path / "allocation.py").write_text(ALLOCATION.replace("EVERYTHING", str(everything)))
+    command = [find_micropython(), "allocation.py"]
+    ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert (ran.stdout.split(), ran.stderr) == (["0", "True", "0", "True"], "")
