@@ -256,6 +256,14 @@ def test_a_file_that_is_still_written_is_finished_first(tmp_path: Path, here: Pa
     assert statuses.tick.tolist()[: len(heard)] == heard
 
 
+def test_who_records_says_so_and_the_black_box_stays_empty(tmp_path: Path) -> None:
+    board = Board(tmp_path, line=True)
+    for item in recorder.stream(Line(board), None, lambda: simtime.now() > 60_000_000):  # type: ignore[arg-type]
+        assert not isinstance(item, link.Damage)
+    assert board.box.listening
+    assert all(tick <= 10 for _kind, tick in board.kept()), "before it was heard"
+
+
 @contextmanager
 def walked(
     walk: Path, seconds: float, *, stop: bool = True, **config: Any
