@@ -148,8 +148,7 @@ class Mpu9150:
         self._status = bytearray(1)
         self._chosen = (0, 0, 0)  # divider, DLPF, samples in which to measure the field once
         self._wanted = False  # the magnetometer
-        self._kept = []  # settings: first register, values, buffer
-        self._turn = 0
+        self._settings = ()  # of `check`: first register, values, room to read them
 
     def wake(self, test=False):
         """Reset the sensor, find out what it is, leave it awake but not sampling (175 ms).
@@ -245,6 +244,20 @@ class Mpu9150:
         self._write(_USER_CTRL, _FIFO_RESET | master)
         self._write(_USER_CTRL, _FIFO_ON | master)
 
+    def check(self):
+        """Whether the registers still say what `sample` wrote: a dip of the supply resets them.
+
+        1 ms. OSError. Allocates nothing. Not read: I2C_MST_STATUS, which reading clears.
+        """
+        for first, settings, found in self._settings:
+            self.bus.read_into(self._address, first, found)
+            if found != settings:
+                # A bit may have been lost on the way.
+                self.bus.read_into(self._address, first, found)
+                if found != settings:
+                    return False
+        return True
+
     def compass_is_lost(self, samples):
         """Whether it should be read, and has been silent for so many samples."""
         return self.way != NO_WAY and self.compass.silent >= samples
@@ -259,19 +272,6 @@ class Mpu9150:
         Samples in the FIFO are lost. SensorError.
         """
         self._go((AUXILIARY, BYPASS, NO_WAY)[self.way])
-
-    def keeps(self):
-        """Whether some of the settings are what they were set to, other ones with each call.
-
-        OSError. Allocates nothing.
-        """
-        self._turn = (self._turn + 1) % len(self._kept)
-        register, expected, found = self._kept[self._turn]
-        for _ in range(2):  # a bit may have been lost on the way
-            self.bus.read_into(self._address, register, found)
-            if found == expected:
-                return True
-        return False
 
     def answers(self):
         """Whether one read of its identity goes well."""
@@ -373,7 +373,7 @@ class Mpu9150:
         self._write(_INT_ENABLE, 0x01)
         running = (_FIFO_ON if self.fifo else 0) | (_MASTER_ON if auxiliary else 0)
         settings += [(_INT_ENABLE, (0x01,)), (_USER_CTRL, (running, 0x01))]
-        self._kept = [(first, bytes(values), bytearray(len(values))) for first, values in settings]
+        self._settings = tuple([(at, bytes(n), bytearray(len(n))) for at, n in settings])
 
     def _settle(self, settings):
         """Write (first register, values) until all of them read back. SensorError."""

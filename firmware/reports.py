@@ -14,7 +14,6 @@ from solenav_core.messages import (
     FORMATS,
     HELLO,
     LOG,
-    NOT_TESTED,
     PARAMS,
     SAMPLE,
     SCHEMA,
@@ -29,14 +28,14 @@ _RATE = NAMES.index("RATE_MHZ")
 _SAMPLE = "<HH" + FORMATS[SAMPLE][2:]
 
 
-def hello(link, tick, params, pose_every, kind, board, build, failed_test, sensor_test=NOT_TESTED):
+def hello(link, tick, params, pose_every, sensor, board, build, failed_test):
     """Who is speaking. `build` is (hash, version) of the files on the board."""
     version = ".".join([str(n) for n in sys.implementation.version[:3]])
     text = "%s; %s; MicroPython %s" % (board, build[1], version)
     # fmt: off
     pack_into(
         FORMATS[HELLO], link.frame, HEADER, SCHEMA, build[0], crc32(params), params[_RATE],
-        pose_every, kind, machine.reset_cause() & 255, failed_test, sensor_test,
+        pose_every, sensor.kind, machine.reset_cause() & 255, failed_test, sensor.test,
     )
     # fmt: on
     link.send(HELLO, tick, _append(link.frame, HEADER + SIZES[HELLO], text))
@@ -68,13 +67,14 @@ def status(link, tick, mode, sampler, temperature, worst):
     """Counters. Collects garbage first, so that the heap figure is what is really free."""
     gc.collect()
     dropped = link.outbox.dropped
+    box = link.blackbox
     # fmt: off
     pack_into(
         FORMATS[STATUS], link.frame, HEADER, mode, sampler.samples, sampler.overruns,
         sampler.gaps, sampler.lost_samples, sampler.spikes, sampler.fifo_overflows,
         sampler.bus_errors, sampler.recoveries, SLOW if sampler.slow else FAST, sampler.clipped,
-        dropped[0], dropped[1], dropped[2], link.damaged, 0, 0, 0, temperature,
-        sampler.period(), worst, gc.mem_free(),
+        dropped[0], dropped[1], dropped[2], link.damaged, link.refused, box.logged, box.lost,
+        temperature, sampler.period(), worst, gc.mem_free(),
     )
     # fmt: on
     link.send(STATUS, tick, HEADER + SIZES[STATUS])

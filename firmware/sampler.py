@@ -154,7 +154,6 @@ class Sampler:
         self._errors = 0
         self._calm = 0
         self._patience = 0  # samples since something was made of the magnetometer's silence
-        self._unchecked = 0  # samples since settings were looked at
         # Made once: a bound method made per call would be allocated anew.
         self._handler = self._on_pulse
 
@@ -231,8 +230,6 @@ class Sampler:
         known to be.
         """
         self._watch_bus()
-        if not self._has_its_settings():
-            return False
         try:
             flags = self._oldest() if self._sensor.fifo else self._newest()
         except OSError:
@@ -491,20 +488,6 @@ class Sampler:
                 return
         self._break_off()
         sensor.reroute()
-
-    def _has_its_settings(self):
-        """Looked at some of them each 1/8 s: noise on the supply may have changed a register."""
-        self._unchecked += 1
-        if self._unchecked < self._alike_max:
-            return True
-        self._unchecked = 0
-        try:
-            kept = self._sensor.keeps()
-        except OSError:
-            return True  # counted by the bus
-        if not kept:
-            self._anew("the sensor's settings change by themselves: check its power")
-        return kept
 
     def _watch_bus(self):
         """Slow it down where transfers fail too often, and speed it up again after a while."""

@@ -8,7 +8,7 @@ are numbers for `machine.Pin`.
 from boards import Board
 
 from solenav.sim.board import machine
-from solenav.sim.board.machine import POWER_PIN, READY_PIN, SCL_PIN, SDA_PIN  # noqa: F401
+from solenav.sim.board.machine import POWER_PIN, READY_PIN, SCL_PIN, SDA_PIN
 
 baud = 460800  # of the UART; `start` sets the one that was asked for
 
