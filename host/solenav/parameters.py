@@ -70,7 +70,7 @@ class Settings:
     step_swing_s: float = 0.15
     step_stance_s: float = 0.04
     seed: int = 1
-    bridge_s: float = 0.1  # longest hole in the samples that the next one stands in for
+    bridge_s: float = 0.05  # longest hole in the samples that doesn't spoil the pose
     resume_s: float = 0.08  # stance that levels the foot where navigation goes on
     resume_accel: float = 2.0  # m/s², largest deviation in it
     resume_rate_dps: float = 30.0

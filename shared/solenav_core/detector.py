@@ -11,13 +11,13 @@ from solenav_core.qmath import div, isqrt, mulshift
 _T_MAX = const(0x2000000)  # 131072 in Q8
 _NORM_MAX = const(8191)  # 64 m/s² in Q7: 31 squared deviations still fit one word
 
-_S_ACC_NORM = const(31)
-_S_STILL_TICKS = const(32)
-_S_RING_HEAD = const(33)
-_S_RING_FILL = const(34)
-_S_RING = const(35)
-_S_STILLEST = const(66)
-_S_GRAVITY = const(83)
+_S_ACC_NORM = const(37)
+_S_STILL_TICKS = const(38)
+_S_RING_HEAD = const(39)
+_S_RING_FILL = const(40)
+_S_RING = const(41)
+_S_STILLEST = const(72)
+_S_GRAVITY = const(89)
 _P_ACC_MIN = const(49)
 _P_ACC_MAX = const(50)
 _P_RATE_MAX = const(51)

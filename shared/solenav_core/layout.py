@@ -18,6 +18,7 @@ STATE_FIELDS = (
     ("TICK", 1, "navigator", "samples processed"),
     ("MODE", 1, "navigator", "0 aligning, 1 navigating"),
     ("SATURATED", 1, "navigator", "ticks on which the velocity hit its limit"),
+    ("LAST", 6, "navigator", "FORCE and RATE of the last sample"),
     ("GAPS", 1, "navigator", "holes in the samples that were too long to bridge"),
     ("RESUMED", 1, "navigator", "times that navigation went on from before a hole or a restart"),
     ("AL_COUNT", 1, "align", "still samples so far"),

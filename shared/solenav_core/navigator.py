@@ -34,16 +34,17 @@ _MAG_NEW = const(8)  # messages.MAG_NEW
 
 _S_TICK = const(0)
 _S_MODE = const(1)
-_S_GAPS = const(3)
-_S_AL_DONE = const(6)
-_S_STANCE = const(30)
-_S_STILL_TICKS = const(32)
-_S_BIAS = const(80)
-_S_SWING_TICKS = const(102)
-_S_OBSERVED = const(105)
-_S_SINCE_CONSISTENT = const(107)
-_S_POS_LAST = const(516)
-_S_POS_REF = const(519)
+_S_LAST = const(3)
+_S_GAPS = const(9)
+_S_AL_DONE = const(12)
+_S_STANCE = const(36)
+_S_STILL_TICKS = const(38)
+_S_BIAS = const(86)
+_S_SWING_TICKS = const(108)
+_S_OBSERVED = const(111)
+_S_SINCE_CONSISTENT = const(113)
+_S_POS_LAST = const(522)
+_S_POS_REF = const(525)
 _P_BIAS_MAX = const(48)
 _P_STILL_TICKS = const(60)
 _P_STILL_GAIN = const(61)
@@ -53,6 +54,7 @@ _P_UNREST_MAX = const(57)
 _P_UNREST_SURE = const(58)
 _P_BRIDGE_TICKS = const(82)
 _P_MAG_GAIN = const(86)
+_W_FORCE = const(3)
 _W_RATE = const(6)
 _I_FLAGS = const(9)
 _W_UNREST = const(12)
@@ -148,6 +150,33 @@ def rest(s: ptr32, p: ptr32, w: ptr32) -> int:
 
 
 @micropython.viper
+def bridge(s: ptr32, p: ptr32, w: ptr32, m: ptr32, lost: int) -> int:
+    """Move over samples that were lost before this one, on the mean of it and the last one.
+
+    The event BROKEN where they are too many for the pose to be trusted from then on; four times
+    as many can't be told at all, and are passed over.
+    """
+    broken = 0
+    if lost > p[_P_BRIDGE_TICKS]:
+        broken = 32
+        if s[_S_GAPS] < _TOP:
+            s[_S_GAPS] = s[_S_GAPS] + 1
+        if lost > p[_P_BRIDGE_TICKS] << 2:
+            return broken
+    i = 0
+    while i < 6:
+        w[_W_FORCE + i] = (w[_W_FORCE + i] + s[_S_LAST + i]) >> 1
+        i = i + 1
+    while lost > 0:
+        int(propagate(s, p, w))
+        if s[_S_SWING_TICKS] <= p[_P_FREEZE_TICKS]:
+            int(grow(s, p))
+        lost = lost - 1
+    int(condition(s, p, w, m))
+    return broken
+
+
+@micropython.viper
 def tick(s: ptr32, p: ptr32, w: ptr32, t: ptr32, m: ptr32) -> int:
     """One sample `m` into the state `s`; returns the event bits above.
 
@@ -169,17 +198,15 @@ def tick(s: ptr32, p: ptr32, w: ptr32, t: ptr32, m: ptr32) -> int:
             int(condition(s, p, w, m))
     int(stir(s))
     lost = (m[_I_FLAGS] >> 8) & 127
-    if lost > p[_P_BRIDGE_TICKS]:
-        lost = 0
-        events = events | 32
-        if s[_S_GAPS] < _TOP:
-            s[_S_GAPS] = s[_S_GAPS] + 1
-    # This sample stands in for those that were lost before it.
-    while lost >= 0:
-        int(propagate(s, p, w))
-        if s[_S_SWING_TICKS] <= p[_P_FREEZE_TICKS]:
-            int(grow(s, p))
-        lost = lost - 1
+    if lost > 0:
+        events = events | int(bridge(s, p, w, m, lost))
+    i = 0
+    while i < 6:
+        s[_S_LAST + i] = w[_W_FORCE + i]
+        i = i + 1
+    int(propagate(s, p, w))
+    if s[_S_SWING_TICKS] <= p[_P_FREEZE_TICKS]:
+        int(grow(s, p))
     if s[_S_SINCE_CONSISTENT] < _TOP:
         s[_S_SINCE_CONSISTENT] = s[_S_SINCE_CONSISTENT] + 1
     if int(detect(s, p, w)) == 0:

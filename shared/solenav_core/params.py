@@ -88,7 +88,7 @@ PARAM_FIELDS = (
     ("LOCKOUT_TICKS", "ticks", "M saturates when inconsistent for longer than this"),
     ("LOCKOUT_MIN", "stance ticks", "and for at least so many stance ticks"),
     ("P_VV_H1", "Q26 (m/s)²", "variance of the velocity after H1"),
-    ("BRIDGE_TICKS", "ticks", "most lost samples that the last one stands in for"),
+    ("BRIDGE_TICKS", "ticks", "most lost samples that don't spoil the pose"),
     ("RESUME_TICKS", "ticks", "stance that levels the foot where navigation goes on"),
     ("RESUME_ACC", "counts", "largest deviation in it"),
     ("RESUME_RATE", "counts", "largest deviation in it, and largest mean rate less the bias"),

@@ -18,7 +18,6 @@ from solenav.engines.source import MODULES, constants, core_path, is_viper
 
 INLINE = {
     "qmath": ("mulshift", "mulsat", "clamp", "isqrt", "div"),
-    "strapdown": ("recentre",),
     "calibration": ("mounted",),
     "heading": ("strength", "error", "apart"),
     "detector": ("push", "unrest"),

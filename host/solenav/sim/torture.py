@@ -46,6 +46,7 @@ _ATTITUDES = (
 LIMITS = {
     "TICK": (0, 127 << 24),
     "SATURATED": (0, ONE),
+    "LAST": (-220_000_000, 220_000_000),
     "GAPS": (0, ONE),
     "RESUMED": (0, ONE),
     "STANCE": (0, 1),

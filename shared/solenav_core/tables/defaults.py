@@ -87,7 +87,7 @@ PARAMS = array(
         200,  # LOCKOUT_TICKS
         5,  # LOCKOUT_MIN
         671089,  # P_VV_H1
-        20,  # BRIDGE_TICKS
+        10,  # BRIDGE_TICKS
         16,  # RESUME_TICKS
         418,  # RESUME_ACC
         492,  # RESUME_RATE

@@ -7,30 +7,30 @@ EXPECTED = (
     1501789533,  # isqrt
     3575841464,  # clamp
     1056304096,  # azimuth
-    1583251828,  # turn
-    2664994160,  # to_nav
-    283144931,  # condition
-    546895628,  # steer
-    1110422528,  # propagate
-    383319521,  # recentre
-    1050738544,  # full speed
-    3668008712,  # push
-    2907433073,  # slower
-    2408497859,  # unrest
-    2143357774,  # detect
-    421909193,  # grow
-    3951079786,  # shrink
-    1808881781,  # head
-    1399040584,  # level
-    3398616974,  # align
-    2607042270,  # settle
-    3219745149,  # roots
-    4108898163,  # ratio
-    137724599,  # feed_back
-    4029421437,  # observe
-    3108595516,  # adapt
-    520111803,  # weigh
-    3527616614,  # update
-    2702453958,  # stood
-    873539561,  # tick
+    761548782,  # turn
+    211428604,  # to_nav
+    2725587939,  # condition
+    2176900066,  # steer
+    4212343270,  # propagate
+    2055865173,  # recentre
+    1935532804,  # full speed
+    3741242421,  # push
+    1376448615,  # slower
+    2658781899,  # unrest
+    1988079499,  # detect
+    3388358364,  # grow
+    2136442180,  # shrink
+    886593106,  # head
+    3017137241,  # level
+    280019027,  # align
+    770466833,  # settle
+    2338124254,  # roots
+    1587386778,  # ratio
+    3137137066,  # feed_back
+    3548458509,  # observe
+    106487773,  # adapt
+    2335376611,  # weigh
+    843225300,  # update
+    1126043089,  # stood
+    3883245729,  # tick
 )
