@@ -70,13 +70,11 @@ def decode(raw: ptr8, last: ptr8, adjust: ptr8, sample: ptr32, due: int) -> int:
 class Ak8975:
     """The magnetometer on `bus`, to which the bypass of the IMU connects it for all but `take`.
 
-    `every`: a measurement in so many samples. `alike` counts readings in a row that were the
-    same to the bit; `silent` samples since the last reading.
+    `every`: a measurement in so many samples. `silent` counts samples since the last reading.
     """
 
     def __init__(self, bus):
         self.every = 1
-        self.alike = 0
         self.silent = 0
         self._bus = bus
         self._age = 0  # samples since the last reading
@@ -85,6 +83,7 @@ class Ak8975:
         self._raw = bytearray(_AT + SIZE)
         self._window = memoryview(self._raw)[_AT:]
         self._trigger = bytearray([SINGLE])
+        self._identity = bytearray(1)
 
     def find(self):
         """Whether it answers; its sensitivities are read then, and it is left powered down."""
@@ -120,31 +119,28 @@ class Ak8975:
     def restart(self, every):
         """Forget what was read; from now on a measurement in `every` samples."""
         self.every = every
-        self.alike = 0
         self.silent = 0
         self._age = 0
         self._last[0] = 0  # not ready: nothing in it counts
 
     def take(self, raw, sample):
-        """The reading that came with a sample, from raw[14:22]; SAMPLE's flags.
+        """The reading that came with a sample, in raw[14:22], where a bit of it is new.
 
-        The auxiliary master repeats a reading with each sample until the next one is due: so a
-        reading is new where a bit changed, or where `every` samples passed. Allocates nothing.
+        SAMPLE's flags; 0 without one. Allocates nothing.
         """
         self._age += 1
-        flags = decode(raw, self._last, self._adjust, sample, 0)
-        if flags:
-            self.alike = 0
-        elif self._age >= self.every:
-            flags = decode(raw, self._last, self._adjust, sample, 1)
-            if flags:
-                self.alike += 1
-        if flags:
-            self._age = 0
-            self.silent = 0
-        elif self.silent < _TOP:
-            self.silent += 1
-        return flags
+        return self._heard(decode(raw, self._last, self._adjust, sample, 0))
+
+    def is_due(self):
+        """Whether a reading has come, for all that one can count; each is asked for once."""
+        if self._age < self.every:
+            return False
+        self._age = 0
+        return True
+
+    def take_equal(self, raw, sample):
+        """Like `take`, for a reading that is due and no different from the last one."""
+        return self._heard(decode(raw, self._last, self._adjust, sample, 1))
 
     def poll(self, sample):
         """With each sample, through the bypass: read and measure again in `every` samples.
@@ -152,16 +148,28 @@ class Ak8975:
         SAMPLE's flags. OSError. Allocates nothing.
         """
         self._age += 1
-        if self.silent < _TOP:
-            self.silent += 1
-        if self._age < self.every:
-            return 0
-        self._age = 0
+        if not self.is_due():
+            return self._heard(0)
+        self._window[0] = 0  # not ready, should the transfer fail
         self._bus.read_into(ADDRESS, ST1, self._window)
-        flags = decode(self._raw, self._last, self._adjust, sample, 1)
-        if flags:
-            self.silent = 0
+        flags = self._heard(decode(self._raw, self._last, self._adjust, sample, 1))
         self._bus.write_from(ADDRESS, CNTL, self._trigger)
+        return flags
+
+    def answers(self):
+        """Whether it is there, behind the bypass."""
+        try:
+            self._bus.read_into(ADDRESS, _WIA, self._identity)
+        except OSError:
+            return False
+        return self._identity[0] == _IDENTITY
+
+    def _heard(self, flags):
+        if flags:
+            self._age = 0
+            self.silent = 0
+        elif self.silent < _TOP:
+            self.silent += 1
         return flags
 
     def _mode(self, mode):

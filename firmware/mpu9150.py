@@ -30,7 +30,6 @@ _GYRO_CONFIG = const(0x1B)
 _ACCEL_CONFIG = const(0x1C)
 _FIFO_EN = const(0x23)
 _I2C_MST_CTRL = const(0x24)
-_I2C_SLV0_ADDR = const(0x25)
 _I2C_SLV4_CTRL = const(0x34)
 _I2C_MST_STATUS = const(0x36)
 _INT_PIN_CFG = const(0x37)
@@ -62,7 +61,6 @@ _FIFO_RESET = const(0x04)
 _IMU_SIZE = const(14)  # bytes: acceleration, temperature, rate
 _FIFO_SIZE = const(1024)
 _MEASURING_US = const(9475)  # 9 ms at most (AK8975 5.3.3), with the IMU's clock up to 5 % fast
-_ALIKE_MAX = const(64)  # readings of the magnetometer: its noise doesn't let so many be the same
 
 _CLIPPED_ACC = const(1)
 _CLIPPED_GYRO = const(2)
@@ -149,6 +147,7 @@ class Mpu9150:
         self._count = bytearray(2)
         self._status = bytearray(1)
         self._chosen = (0, 0, 0)  # divider, DLPF, samples in which to measure the field once
+        self._wanted = False  # the magnetometer
         self._settings = ()  # of `check`: first register, values, room to read them
 
     def wake(self, test=False):
@@ -188,7 +187,8 @@ class Mpu9150:
         period = 1000 * (divider + 1)  # µs
         self._chosen = (divider, dlpf, -(-_MEASURING_US // period))
         self.fifo = fifo
-        self._go(AUXILIARY if compass and self._has_compass else NO_WAY)
+        self._wanted = compass and self._has_compass
+        self._go(AUXILIARY if self._wanted else NO_WAY)
         return 1_000_000 // (divider + 1)
 
     def sleep(self):
@@ -247,30 +247,31 @@ class Mpu9150:
     def check(self):
         """Whether the registers still say what `sample` wrote: a dip of the supply resets them.
 
-        OSError. Allocates nothing. Not read: those of the auxiliary master, whose status clears.
+        1 ms. OSError. Allocates nothing. Not read: I2C_MST_STATUS, which reading clears.
         """
-        for first, settings, read in self._settings:
-            self.bus.read_into(self._address, first, read)
-            if read != settings:
-                return False
+        for first, settings, found in self._settings:
+            self.bus.read_into(self._address, first, found)
+            if found != settings:
+                # A bit may have been lost on the way.
+                self.bus.read_into(self._address, first, found)
+                if found != settings:
+                    return False
         return True
 
     def compass_is_lost(self, samples):
-        """Whether the magnetometer has been silent for so many samples. OSError."""
-        if self.way == NO_WAY:
-            return False
-        if self.way == AUXILIARY and self.compass.alike >= _ALIKE_MAX:
-            self.compass.alike = 0
-            self.bus.read_into(self._address, _I2C_MST_STATUS, self._status)
-            return bool(self._status[0] & 0x03)  # nobody acknowledged
-        return self.compass.silent >= samples
+        """Whether it should be read, and has been silent for so many samples."""
+        return self.way != NO_WAY and self.compass.silent >= samples
+
+    def compass_is_back(self):
+        """Whether it answers again after it couldn't be read in any way."""
+        return self.way == NO_WAY and self._wanted and self.compass.answers()
 
     def reroute(self):
-        """Read the magnetometer by the next way: bypass after auxiliary master, then none.
+        """Read the magnetometer by the next way: auxiliary master, bypass, none.
 
         Samples in the FIFO are lost. SensorError.
         """
-        self._go(BYPASS if self.way == AUXILIARY else NO_WAY)
+        self._go((AUXILIARY, BYPASS, NO_WAY)[self.way])
 
     def answers(self):
         """Whether one read of its identity goes well."""
@@ -287,13 +288,27 @@ class Mpu9150:
     def _decoded(self, sample):
         flags = decode(self.raw, self._last, sample)
         if self.way == AUXILIARY:
-            flags |= self.compass.take(self.raw, sample)
+            compass = self.compass
+            news = compass.take(self.raw, sample)
+            # The auxiliary master repeats a reading with each sample until it has the next one,
+            # and for ever where nobody answers it; so one like the last may or may not be new.
+            if not news and compass.is_due() and self._was_acknowledged():
+                news = compass.take_equal(self.raw, sample)
+            flags |= news
         elif self.way == BYPASS:
             try:
                 flags |= self.compass.poll(sample)
             except OSError:
                 pass  # counted by the bus; the sample itself is whole
         return flags
+
+    def _was_acknowledged(self):
+        """Whether all went well on the auxiliary bus since it was asked last."""
+        try:
+            self.bus.read_into(self._address, _I2C_MST_STATUS, self._status)
+        except OSError:
+            return False
+        return not self._status[0] & 0x03
 
     def _identify(self):
         found = 0
@@ -323,32 +338,32 @@ class Mpu9150:
         divider, dlpf, every = self._chosen
         self.way = way
         auxiliary = way == AUXILIARY
+        bypass = self._wanted and not auxiliary
         self.raw = bytearray(_IMU_SIZE + (ak8975.SIZE if auxiliary else 0))
         self.compass.restart(every)
         self._write(_INT_ENABLE, 0x00)
         self._write(_USER_CTRL, 0x00)
+        # Slave 0 reads a measurement, then slave 1 starts the next, in every n-th sample.
+        slaves = (0x80 | ak8975.ADDRESS, ak8975.ST1, 0x80 | ak8975.SIZE)
+        slaves += (ak8975.ADDRESS, ak8975.CNTL, 0x81)
         settings = [
-            (_SMPLRT_DIV, divider),
-            (_CONFIG, dlpf),
-            (_GYRO_CONFIG, 3 << 3),
-            (_ACCEL_CONFIG, 3 << 3),
-            # Everything, in the registers' order: a sample is the same bytes in both modes.
-            (_FIFO_EN, (0xF9 if auxiliary else 0xF8) if self.fifo else 0x00),
-            # Data ready waits for the auxiliary master; 400 kHz there.
-            (_I2C_MST_CTRL, 0x5D if auxiliary else 0x00),
+            (_SMPLRT_DIV, (divider, dlpf, 3 << 3, 3 << 3)),
+            # FIFO_EN: everything, in the registers' order: the same bytes in both modes.
+            # I2C_MST_CTRL: data ready waits for the auxiliary master; 400 kHz there.
+            (
+                _FIFO_EN,
+                ((0xF9 if auxiliary else 0xF8) if self.fifo else 0x00, 0x5D if auxiliary else 0x00)
+                + (slaves if auxiliary else ()),
+            ),
             # A pulse for each sample, not a latch: an edge also for a sample that nobody read,
             # so that lost samples are counted and a failed read doesn't end the edges.
-            (_INT_PIN_CFG, 0x02 if way == BYPASS else 0x00),
+            (_INT_PIN_CFG, (0x02 if bypass else 0x00,)),
         ]
         if auxiliary:
-            # Slave 0 reads a measurement, then slave 1 starts the next, in every n-th sample.
-            control = (0x80 | ak8975.ADDRESS, ak8975.ST1, 0x80 | ak8975.SIZE)
-            control += (ak8975.ADDRESS, ak8975.CNTL, 0x81)
-            settings += [(_I2C_SLV0_ADDR + i, value) for i, value in enumerate(control)]
             settings += [
-                (_I2C_SLV4_CTRL, every - 1),
-                (_I2C_SLV1_DO, ak8975.SINGLE),
-                (_I2C_MST_DELAY_CTRL, 0x83),
+                (_I2C_SLV4_CTRL, (every - 1,)),
+                (_I2C_SLV1_DO, (ak8975.SINGLE,)),
+                (_I2C_MST_DELAY_CTRL, (0x83,)),
             ]
         self._settle(settings)
         if self.fifo:
@@ -356,26 +371,26 @@ class Mpu9150:
         elif auxiliary:
             self._write(_USER_CTRL, _MASTER_ON)
         self._write(_INT_ENABLE, 0x01)
-        interrupts = bytes([0x02 if way == BYPASS else 0x00, 0x01])
-        control = (_FIFO_ON if self.fifo else 0) | (_MASTER_ON if auxiliary else 0)
-        expected = (
-            (_SMPLRT_DIV, bytes([divider, dlpf, 3 << 3, 3 << 3])),
-            (_INT_PIN_CFG, interrupts),
-            (_USER_CTRL, bytes([control, 0x01])),
-        )
-        self._settings = tuple([(at, values, bytearray(len(values))) for at, values in expected])
+        running = (_FIFO_ON if self.fifo else 0) | (_MASTER_ON if auxiliary else 0)
+        settings += [(_INT_ENABLE, (0x01,)), (_USER_CTRL, (running, 0x01))]
+        self._settings = tuple([(at, bytes(n), bytearray(len(n))) for at, n in settings])
 
     def _settle(self, settings):
-        """Write (register, value) pairs until all of them read back. SensorError."""
+        """Write (first register, values) until all of them read back. SensorError."""
         wrong = None
         for _ in range(3):
-            for register, value in settings:
-                self._write(register, value)
-            wrong = [pair for pair in settings if self._read(pair[0]) != pair[1]]
+            for first, values in settings:
+                for i, value in enumerate(values):
+                    self._write(first + i, value)
+            wrong = None
+            for first, values in settings:
+                for i, value in enumerate(values):
+                    if self._read(first + i) != value:
+                        wrong = (first + i, value)
             if not wrong:
                 return
         raise SensorError(
-            "register 0x%02X doesn't keep 0x%02X: check the sensor's power, SDA, SCL" % wrong[0]
+            "register 0x%02X doesn't keep 0x%02X: check the sensor's power, SDA, SCL" % wrong
         )
 
     def _run_test(self):

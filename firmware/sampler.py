@@ -30,6 +30,7 @@ _PROBES = const(20)  # reads of its identity that a bus must carry to be fast ag
 _ATTEMPTS_MAX = const(2)  # times that it is, without a sample in between
 _SILENT_PERIODS = const(10)
 _TRUSTED = const(3)  # different samples in a row after frozen ones
+_PATIENCE = const(60)  # half seconds until a lost magnetometer is looked for again
 _SPIKES_MAX = const(3)  # in a row; a fourth is no spike
 
 _FRACTION = const(12)  # bits of the learned period: 256 ms still fit a small int
@@ -152,6 +153,7 @@ class Sampler:
         self._strain = 0
         self._errors = 0
         self._calm = 0
+        self._patience = 0  # samples since something was made of the magnetometer's silence
         # Made once: a bound method made per call would be allocated anew.
         self._handler = self._on_pulse
 
@@ -473,13 +475,19 @@ class Sampler:
         return _SPIKE
 
     def _check_compass(self):
-        try:
-            lost = self._sensor.compass_is_lost(self._half_second)
-        except OSError:
+        """Find another way to a magnetometer that is silent, or one to it when it is back."""
+        sensor = self._sensor
+        self._patience += 1
+        if sensor.compass_is_lost(self._half_second):
+            self._patience = 0
+        elif self._patience < _PATIENCE * self._half_second:
             return
-        if lost:
-            self._break_off()
-            self._sensor.reroute()
+        else:
+            self._patience = 0
+            if not sensor.compass_is_back():
+                return
+        self._break_off()
+        sensor.reroute()
 
     def _watch_bus(self):
         """Slow it down where transfers fail too often, and speed it up again after a while."""

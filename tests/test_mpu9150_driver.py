@@ -193,6 +193,23 @@ def test_settings_that_do_not_stick_are_an_error() -> None:
             device.sample(200_000)
 
 
+@pytest.mark.parametrize("fifo", [False, True])
+@pytest.mark.parametrize(
+    "register", [0x19, 0x1A, 0x1B, 0x1C, 0x23, 0x24, 0x27, 0x2A, 0x34, 0x37, 0x38, 0x64, 0x67, 0x6A]
+)
+def test_a_register_that_changed_by_itself_is_noticed(
+    bench: Bench, fifo: bool, register: int
+) -> None:
+    device = bench.sensor()
+    device.wake()
+    device.sample(200_000, fifo=fifo)
+    assert device.check()
+    bench.flips[(0x19, 2)] = 0x08  # a bit lost on the way is none
+    assert device.check()
+    bench.model.registers[register] ^= 0x10
+    assert not device.check()
+
+
 def test_the_self_test_passes(bench: Bench) -> None:
     device = bench.sensor()
     assert device.test == messages.NOT_TESTED
