@@ -264,6 +264,13 @@ def test_who_records_says_so_and_the_black_box_stays_empty(tmp_path: Path) -> No
     assert all(tick <= 10 for _kind, tick in board.kept()), "before it was heard"
 
 
+def joined(port: serial.Serial) -> Client:
+    """A client from the next frame on."""
+    while port.read(1) != b"\0":
+        pass
+    return Client(port)
+
+
 @contextmanager
 def walked(
     walk: Path, seconds: float, *, stop: bool = True, baud: int = 460800, **config: Any
@@ -375,7 +382,7 @@ def test_navigation_goes_on_meanwhile(
                 for file in box.files()[:1]:
                     assert download.fetch(box, file, tmp_path, {}).damaged == 0
                 client.data += b"\0" + tee.data
-            rest = Client(port)
+            rest = joined(port)
             rest.to_the_end()
             board.check()
         frames = list(link.FrameReader().feed(client.data + b"\0" + rest.data))
@@ -399,7 +406,7 @@ def test_on_a_slow_line_samples_make_room_for_a_download(walk: Path, tmp_path: P
         done = solenav("download", board.port, "-o", tmp_path, "--json")
         assert done.returncode == 0, done.stderr
         with serial.Serial(board.port, 460800, timeout=0.5) as port:
-            rest = Client(port)
+            rest = joined(port)
             rest.until(lambda m: m.name == "STATUS")
     (file,) = json.loads(done.stdout)["files"]
     assert file["damaged"] == 0 and file["size"] > 1000

@@ -230,8 +230,10 @@ def test_a_flood_during_a_walk_changes_no_pose(
     poses, status = walked(walk, faults=[script])
     assert len(poses) > 1000
     assert poses == quiet
-    assert status["lost"] == status["overruns"] == status["dropped_others"] == 0
-    assert (status["bad_commands"] > 10) == (name in ("random", "halves"))
+    assert status["lost"] == status["overruns"] == 0
+    # Snapshots that are asked for 20 times a second find no room in the end.
+    assert (status["dropped_others"] > 0) == (name == "commands")
+    assert (status["bad_commands"] > 10) == (name in ("random", "halves", "commands"))
     assert (status["refused_commands"] > 100) == (name == "commands")
 
 

@@ -23,7 +23,8 @@ def board_for(
 ) -> SimulatedBoard:
     """A board whose sensor measures the capture's samples, with the capture's parameters.
 
-    `config`: more keys of the firmware's config.json. `options`: SimulatedBoard's. SolenavError where the capture has no samples or parameters.
+    `config`: more keys of the firmware's config.json. `options`: SimulatedBoard's. SolenavError
+    where the capture has no samples or parameters.
     """
     source.need_samples()
     samples = replay.samples_of(source)
