@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 from pathlib import Path
 
 import pytest
+import serial
+import wire
 from hypothesis import given
 from hypothesis import strategies as st
 from logging_board import SECOND, Board, wanted
+from test_firmware import Client
 
-from solenav import link
+from solenav import capture, link
 from solenav.sim.board import flash
 from solenav_core import messages
+from solenav_tools import firmware_run
 from solenav_tools.micropython import find_micropython
 from solenav_tools.staging import stage
 
@@ -250,6 +255,36 @@ def test_an_hour_fits_in_a_pico(tmp_path: Path) -> None:
     board.run(600)
     board.box.close()
     assert board.box.logged * 6 < 1_000_000
+
+
+@pytest.mark.skipif(os.name != "posix", reason="no pseudo-terminals here")
+@pytest.mark.parametrize("operation", [4, 12, 30])
+def test_a_board_whose_power_goes_keeps_what_it_has_acknowledged(
+    operation: int, walk: Path
+) -> None:
+    """The firmware as it is: STATUS says how much is safe."""
+    cut = {"kind": "power_cut", "operation": operation, "for": 1_000_000}
+    source = capture.load(walk)
+    config = {"checkpoint_s": 600}
+    with (
+        firmware_run.board_for(source, pose_every=4, faults=[cut], config=config) as board,
+        serial.Serial(board.port, 460800, timeout=0.5) as port,
+    ):
+        client = Client(port)
+        client.to_the_end()
+        folder = Path(board._folder.name) / "log"
+        files = {int(p.stem): p.read_bytes() for p in folder.glob("*.frames")}
+    assert board.restarts == ["power"]
+    hellos = [i for i, m in enumerate(client.messages) if m.name == "HELLO"]
+    lives = client.messages[: hellos[1]], client.messages[hellos[1] :]
+    acknowledged = [
+        [m.fields["logged"] for m in life if m.name == "STATUS"][-1:] or [0] for life in lives
+    ]
+    assert acknowledged[1][0] > 0
+    assert sum(map(len, files.values())) >= acknowledged[0][0] + acknowledged[1][0]
+    assert len(files) == (2 if acknowledged[0][0] else 1)
+    for data in files.values():
+        assert wire.decode(data)
 
 
 ALLOCATION = """

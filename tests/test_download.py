@@ -247,6 +247,41 @@ def test_any_stretch_of_a_file_can_be_asked_for(tmp_path: Path) -> None:
         list(box.pieces(7, 0, 1))
 
 
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from([k for k in link.NAMES if k >= messages.ASK_LISTEN]),
+            st.lists(
+                st.sampled_from([0, 1, 2, 300, 65535, 2**31 - 1, 2**31, 2**32 - 1])
+                | st.integers(0, 2**32 - 1),
+                min_size=3,
+                max_size=3,
+            ),
+        ),
+        max_size=20,
+    )
+)
+@settings(max_examples=30)
+def test_whatever_is_asked_for_the_board_goes_on(
+    tmp_path_factory: pytest.TempPathFactory, asked: list[tuple[int, list[int]]]
+) -> None:
+    board, (file,) = recorded(tmp_path_factory.mktemp("flash"), 12)
+    line = Line(board)
+    for seq, (kind, values) in enumerate(asked):
+        fields = [v % 65536 if kind == messages.ASK_FILES else v for v in values]
+        line.write(link.command(kind, seq, *fields[: len(link.FIELDS[kind])]))
+        board.turn()
+    box = download.BlackBox(line)  # type: ignore[arg-type]
+    assert box.files()[0].size == file.stat().st_size
+
+
+def test_what_the_disk_refuses_is_said(tmp_path: Path, here: Path) -> None:
+    board, (file,) = recorded(tmp_path / "flash")
+    (here / f"blackbox-000001-{crc32(file.read_bytes()):08x}.part").mkdir()
+    with pytest.raises(SolenavError, match="Is a directory"):
+        fetched(Line(board), here)
+
+
 def test_a_file_that_is_still_written_is_finished_first(tmp_path: Path, here: Path) -> None:
     board = Board(tmp_path / "flash", line=True)
     board.run(30)
