@@ -164,7 +164,7 @@ class Application:
 
     def spare(self, tick):
         """What takes its time, one piece, now that no sample waits. False: nothing to do."""
-        if self.checkpoint.due(self.state):
+        if self.sampling() and self.checkpoint.due(self.state):
             self.keep(self.checkpoint.save, self.state, self.sampler.period())
             return True
         return self.download.step(tick) or self.blackbox.step(tick)
@@ -173,11 +173,9 @@ class Application:
         """One sample through the core, and the messages that it gives rise to."""
         state = self.state
         sample = self.sampler.sample
-        lost = sample[_FLAGS] >> 8
-        if state[_MODE] and lost > self.bridge:
-            navigator.resume(state)
-            self.show_state()
+        if state[_MODE] and sample[_FLAGS] >> 8 > self.bridge:
             self.log(_WARNING, "%d samples lost: going on with the next stance" % self.sampler.lost)
+            self.break_off()
         began = ticks_us()
         events = navigator.tick(state, self.params, self.work, TABLES, sample)
         spent = ticks_diff(ticks_us(), began)
@@ -211,11 +209,17 @@ class Application:
         if tick % self.check_ticks == 0 and not self.trust.keeps(state):
             self.distrust()
 
+    def break_off(self):
+        """Navigation can't go on over a gap: it does with the next stance."""
+        navigator.resume(self.state)
+        self.show_state()
+
     def show_state(self):
         """The core goes on from another state: whoever follows it needs that."""
         if self.sampling():
             self.mode = self.expected()
         reports.snapshot(self.link, self.state[_TICK], self.state)
+        self.status()
 
     def expected(self):
         """The mode in which samples leave the core as it is now."""
@@ -246,6 +250,8 @@ class Application:
         if self.wanted and self.state[_TICK]:
             self.sampler.resume()
             self.mode = self.expected()
+            if self.mode == messages.RUNNING:
+                self.break_off()
         else:
             self.wake(True)
             if not self.wanted:
@@ -264,11 +270,13 @@ class Application:
 
     def fail(self, error):
         """The sensor is out: say so once, and go on trying."""
-        self.mode = messages.FAULT
         self.beat = ticks_ms()
         if str(error) != self.complaint:
             self.complaint = str(error)
             self.log(_ERROR, self.complaint)
+        if self.mode != messages.FAULT:
+            self.mode = messages.FAULT
+            self.status()
 
     def wake(self, test):
         """Find the sensor, say who is here, sample if wanted. SensorError.

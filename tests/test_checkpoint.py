@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import importlib
 import subprocess
-import sys
 from array import array
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import device
 import pytest
 
 from solenav_core import layout, navigator
 from solenav_tools.micropython import find_micropython
-from solenav_tools.staging import firmware_path, stage
+from solenav_tools.staging import stage
 
 AT = layout.offsets(layout.STATE_FIELDS)
 SECOND = 200
@@ -24,14 +22,10 @@ PERIOD = 5000 * 256
 
 
 @pytest.fixture
-def module(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[ModuleType]:
+def module(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
     """The firmware's module, in an empty flash."""
     monkeypatch.chdir(tmp_path)
-    with monkeypatch.context() as patch:
-        patch.syspath_prepend(str(firmware_path()))
-        found = importlib.import_module("checkpoint")
-    yield found
-    del sys.modules["checkpoint"]
+    return device.load("checkpoint")[0]
 
 
 def walked(steps: int, tick: int = 5000) -> array[int]:
@@ -177,7 +171,6 @@ def test_a_flash_that_refuses_costs_only_what_it_refused(
 
 # A Pico's flash in RAM, with its own file system on it.
 FLASH = """
-import gc
 import os
 import sys
 
