@@ -29,10 +29,13 @@ _SUFFIX = ".frames"
 
 _RING = const(2048)  # bytes: more than 7 s of frames without samples
 _RING_SAMPLES = const(6144)  # a whole snapshot, and the samples of a slow flash access
+_HEAD = const(1024)  # bytes of the ring that HELLO and PARAMS may take
+_HEAD_SAMPLES = const(3584)  # and a snapshot
 _CHUNK = const(1024)  # bytes of a write: it erases one block of flash at most
 _FILE_MAX = const(65536)  # bytes
 _FILE_MIN = const(4096)  # a smaller one isn't worth its block
 _RESERVE = const(65536)  # bytes of flash kept free for checkpoints and the file system's copies
+_NOTHING = const(-0x3FFFFFFF)  # less than is ever free
 _LISTEN_MS = const(5000)  # without ASK_LISTEN for so long nobody listens
 _FLUSH_MS = const(5000)
 _REST_MS = const(40)  # after an access that writes: the sensor's FIFO is emptied meanwhile
@@ -60,7 +63,9 @@ class BlackBox:
     """
 
     def __init__(self, link, policy, everything, second, describe):
-        self.ring = Ring(_RING_SAMPLES if everything else _RING)
+        size = _RING_SAMPLES if everything else _RING
+        self.ring = Ring(size)
+        self._view = memoryview(self.ring.buffer)
         self.listening = False
         self.logged = 0
         self.lost = 0
@@ -69,6 +74,8 @@ class BlackBox:
         self._link = link
         self._on = policy != "off"
         self._full = False
+        self._memory = size * 3 // 4  # bytes of frames kept while a host listens
+        self._calm = size - (_HEAD_SAMPLES if everything else _HEAD)
         self._overwrite = policy == "overwrite"
         self._everything = everything
         self._second = second
@@ -77,6 +84,7 @@ class BlackBox:
         self._heard = ticks_ms()  # ASK_LISTEN
         self._file = None
         self._number = 0  # of the last file
+        self._freed = _NOTHING  # free bytes before the last file was erased for a new one
         self._size = 0
         self._most = 0  # that the file may get
         self._unsafe = 0  # bytes written and not flushed
@@ -110,9 +118,11 @@ class BlackBox:
                 self.lost += 1
             return -1
         at = self.ring.room(length)
-        while at < 0 and self.listening and not self._left:
-            self._forget()
-            at = self.ring.room(length)
+        if self.listening and not self._left:
+            # Old frames go, and so many that there is room for new ones until the file is open.
+            while at < 0 or self.ring.used + length > self._memory:
+                self._forget()
+                at = self.ring.room(length)
         if at < 0:
             self.lost += 1
             return -1
@@ -187,6 +197,10 @@ class BlackBox:
         if self.listening:
             wanted = self._left > 0
         else:
+            if self._file and not self._described and used <= self._calm:
+                self._described = True
+                self._describe()
+                return True
             wanted = used >= _CHUNK or (due and used and not self._topped)
         if wanted:
             if self._file is None:
@@ -202,9 +216,6 @@ class BlackBox:
         elif due:
             self._file.flush()
             self._acknowledge(now)
-        elif not self._described and used <= _CHUNK:
-            self._described = True
-            self._describe()
         else:
             return False
         return True
@@ -212,9 +223,14 @@ class BlackBox:
     def _begin(self):
         """Open a file, if there is space; with "overwrite" make some, a file a call."""
         free = self.free()
-        if self._overwrite and free < _FILE_MAX and self.numbers:
+        # The last whole file goes only where there is no room at all. Where erasing made none it
+        # isn't the black box that takes it.
+        least = _FILE_MAX if len(self.numbers) > 1 else _FILE_MIN
+        if self._overwrite and self._freed < free < least and self.numbers:
+            self._freed = free
             self.erase(self.numbers[0])
             return
+        self._freed = _NOTHING
         if free < _FILE_MIN:
             self._stop("is full")
             return
@@ -242,7 +258,7 @@ class BlackBox:
         if not length:
             self._end()
             return
-        self._file.write(buffer, ring.tail, length)
+        self._file.write(self._view[ring.tail : end])
         ring.take(length)
         self._size += length
         self._unsafe += length
@@ -279,7 +295,7 @@ class BlackBox:
             except OSError:
                 pass
         self._described = False
-        if error.errno == _ENOSPC:
+        if error.args[0] == _ENOSPC:
             if not (self._overwrite and len(self.numbers) > 1):
                 self._stop("is full")
                 return
@@ -314,7 +330,7 @@ class BlackBox:
         try:
             os.mkdir(_FOLDER)
         except OSError as error:
-            if error.errno != EEXIST:
+            if error.args[0] != EEXIST:
                 raise
         for name in os.listdir(_FOLDER):
             digits = name[: -len(_SUFFIX)]

@@ -15,7 +15,7 @@ import serial
 
 from solenav.errors import SolenavError
 from solenav.sim import feed_file
-from solenav.sim.board import flash, machine, simtime
+from solenav.sim.board import faults, flash, machine, simtime
 from solenav.sim.board.feed import Feed
 from solenav.sim.board.mpu9150_registers import Mpu9150
 from solenav.sim.board.playback import Playback
@@ -502,14 +502,13 @@ class Programmed(SimulatedBoard):
 
 PRELUDE = """
 import machine, os, time
-from boards import Board
 from solenav.sim.board import simtime, simulated
-board = simulated.open()
-bus = board.i2c
+bus = simulated.open_bus()
+uart = machine.UART(simulated.baud)
 
 def say(*values):
     line = " ".join(map(str, values)) + "\\n"
-    board.uart.write(line.encode(), 0, len(line))
+    uart.write(line.encode(), 0, len(line))
 
 def start():
     for register, value in ((0x6B, 0), (0x1B, 0x18), (0x1C, 0x18), (0x38, 1)):
@@ -555,6 +554,7 @@ if life == 1:
     start()
     time.sleep_ms(500)
     say(bus.readfrom_mem(0x68, 0x38, 1)[0])
+    uart.flush()
     try:
         machine.reset()
     finally:
@@ -572,6 +572,7 @@ def test_a_hanging_program_is_bitten() -> None:
     lines, made = said(
         """
 say(life, machine.reset_cause(), simtime.now() // 1000000)
+uart.flush()
 if life < 3:
     dog = machine.WDT(timeout=2000)
     while True:
@@ -629,6 +630,25 @@ say(sda.value())
 
 
 @posix
+def test_what_the_uart_still_holds_is_lost_in_a_reset() -> None:
+    lines, _made = said("say('x' * 100)\ntime.sleep_us(1000)\nif life == 1: machine.reset()\n")
+    # At 460800 baud 46 bytes leave in 1 ms.
+    assert lines == ["x" * 46 + "x" * 100]
+
+
+@posix
+def test_a_board_switched_off_between_two_lives_has_not_crashed() -> None:
+    with Programmed("machine.reset()\n") as made:
+        with serial.Serial(made.port, 460800, timeout=0.5):
+            deadline = time.monotonic() + 20
+            while not made.restarts and time.monotonic() < deadline:
+                time.sleep(0.01)
+            made.close()
+        made.check()
+        assert made.restarts
+
+
+@posix
 def test_rejected_writes_are_told_at_the_end() -> None:
     _lines, made = said("bus.writeto_mem(0x68, 0x75, b'\\1')\nsay('done')")
     ((at, *entry),) = made.rejected
@@ -639,8 +659,53 @@ def test_rejected_writes_are_told_at_the_end() -> None:
 
 @posix
 def test_a_program_that_resets_for_ever_ends_with_the_recording() -> None:
-    lines, made = said("start()\nsay(life)\nmachine.reset()\n")
+    lines, made = said("start()\nsay(life)\nuart.flush()\nmachine.reset()\n")
     assert len(lines) == len(made.restarts) == 10  # 10 s of recording, a second each
+
+
+SCRIPT: list[dict[str, Any]] = [
+    {"kind": "clock", "at": 100_000, "for": 1_000_000, "factor": 1.04},
+    {"kind": "register", "at": 200_000, "register": 0x19, "value": 9},
+    {"kind": "temperature", "at": 0, "for": 5_000_000, "degrees": -15},
+    {"kind": "magnet", "at": 300_000, "for": 400_000, "field": [5, 6, 7]},
+    {"kind": "power_cut", "operation": 30},
+]
+
+
+@posix
+@pytest.mark.parametrize("kind", faults.KINDS)
+def test_every_fault_on_micropython(kind: str) -> None:
+    """A program that only looks sees the recording to its end, the same each time."""
+    script = [fault for fault in SCRIPT if fault["kind"] == kind] or [
+        {"kind": kind, "at": 500_000, "for": 700_000}
+    ]
+    program = """
+start()
+mode = "wb" if life == 1 else "ab"
+log = open("log", mode)
+dog = machine.WDT(timeout=8000)
+n = 0
+while True:
+    dog.feed()
+    try:
+        say(bus.readfrom_mem(0x68, 0x3A, 15))
+    except OSError as error:
+        say(error.args[0])
+    n += 1
+    if n % 20 == 0:
+        try:
+            log.write(bytes(100))
+            log.flush()
+        except OSError as error:
+            say(error.args[0])
+    if uart.any():
+        uart.readinto(bytearray(8), 8)
+    machine.idle()
+"""
+    lines, made = said(program, faults=script)
+    assert made.restarts == (["power"] if kind == "power_cut" else [])
+    if kind == "brown_out":
+        assert said(program, faults=script)[0] == lines
 
 
 @pytest.mark.parametrize(

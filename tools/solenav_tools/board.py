@@ -159,8 +159,8 @@ class SimulatedBoard:
         """Switch the board off, at once."""
         with self._lock:
             self._closing.set()
+            self._stopped = not self._ended.is_set()
             if self._process and self._process.poll() is None:
-                self._stopped = True
                 self._process.terminate()
         self._thread.join()
         self._folder.cleanup()

@@ -237,6 +237,7 @@ class World:
             operation, byte = fault.get("operation", 0), fault.get("byte", 0)
             if fault["kind"] == "power_cut" and (operation or byte):
                 flash.cut(operation, byte, lambda fault=fault: _power_cut(self, fault, True))
+        simtime.advance(0)  # what is so from the beginning
 
     def start(self) -> None:
         """Schedule what counts from the recording's start."""

@@ -42,6 +42,7 @@ RESTARTS = {RESET: "reset", BITE: "watchdog", POWER_CUT: "power"}
 _IDLE_MAX = 5000  # µs: on hardware, too, something always wakes an idle processor soon
 _DRAIN_US = 100_000  # after the last sample, to empty the FIFO
 _WDT_MAX = 8388  # ms
+_CHUNK = 256  # bytes that the host gets at a time
 
 bus = Bus()
 cause = PWRON_RESET
@@ -96,6 +97,14 @@ def cut_power(us: int) -> None:
     simtime.end(POWER_CUT)
 
 
+def hang_up(restarts: bool) -> None:
+    """The process ends: what the UART still holds leaves, or is lost in a restart."""
+    if _uart and restarts:
+        _uart.release(1)
+    elif _uart:
+        _uart.finish()
+
+
 def reset_cause() -> int:
     return cause
 
@@ -119,6 +128,8 @@ def idle() -> None:
     Before it starts, and where no fault is scripted also while the sensor doesn't sample, the
     board waits for a person: time then passes no faster than theirs.
     """
+    if _uart:
+        _uart.release(_CHUNK)
     # As with WFE: an interrupt just before is not slept over, nor is the last sample.
     if simtime.woken():
         return
@@ -322,8 +333,9 @@ class Line:
 class UART:
     """Sends ten bits a byte out of a buffer of `txbuf`; non-blocking, as with timeout=0.
 
-    The simulated line holds writers up in simulated time. The real one, where the host doesn't
-    read, stops the program: nothing is lost then, and simulated time stands still.
+    The simulated line holds writers up in simulated time; what is still in the buffer when the
+    processor restarts is lost. The real line, where the host doesn't read, stops the program:
+    nothing is lost then, and simulated time stands still.
     """
 
     def __init__(self, baudrate: int, txbuf: int = 2048, rxbuf: int = 256) -> None:
@@ -331,6 +343,7 @@ class UART:
         self._txbuf = txbuf
         self._rxbuf = rxbuf
         self._injected = bytearray()
+        self._out = bytearray()
         self._empty_at = 0  # ns, when the last byte will be out
         self._poll = select.poll()
         self._poll.register(sys.stdin, select.POLLIN)
@@ -340,14 +353,35 @@ class UART:
     def write(self, buffer: bytearray, offset: int, length: int) -> int | None:
         """How many of the `length` bytes at `offset` found room; None for none."""
         simtime.check()
-        now = 1000 * simtime.now()
-        waiting = -((now - self._empty_at) // self._byte_ns) if self._empty_at > now else 0
-        taken = min(length, self._txbuf - waiting)
+        taken = min(length, self._txbuf - self._waiting())
         if taken <= 0:
             return None
-        self._empty_at = max(self._empty_at, now) + taken * self._byte_ns
-        sys.stdout.buffer.write(memoryview(buffer)[offset : offset + taken])
+        self._empty_at = max(self._empty_at, 1000 * simtime.now()) + taken * self._byte_ns
+        self._out += memoryview(buffer)[offset : offset + taken]
+        self.release(_CHUNK)
         return taken
+
+    def txdone(self) -> bool:
+        """Whether everything has left."""
+        return not self._waiting()
+
+    def flush(self) -> None:
+        """Until everything has left."""
+        while not self.txdone():
+            simtime.advance(1000)
+
+    def release(self, least: int) -> None:
+        """Hand over what has left; less than `least` bytes only when it is all."""
+        waiting = self._waiting()
+        sent = len(self._out) - waiting
+        if sent > 0 and (sent >= least or not waiting):
+            sys.stdout.buffer.write(self._out[:sent])
+            self._out = self._out[sent:]
+
+    def finish(self) -> None:
+        """The program is over, the board stays on: everything leaves."""
+        sys.stdout.buffer.write(self._out)
+        self._out = bytearray()
 
     def any(self) -> int:
         """How many bytes have come in; of the host's no more than one is counted."""
@@ -368,6 +402,11 @@ class UART:
             return None
         buffer[0] = byte[0]
         return 1
+
+    def _waiting(self) -> int:
+        """Bytes that haven't left."""
+        ahead = self._empty_at - 1000 * simtime.now()
+        return -(-ahead // self._byte_ns) if ahead > 0 else 0
 
     def wait(self, ms: int) -> bool:
         """Whether a byte has come in, after at most `ms` of real time."""

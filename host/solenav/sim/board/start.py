@@ -115,5 +115,6 @@ except Exception as error:
     # The interpreter itself would print it on standard output.
     sys.print_exception(error, sys.stderr)
     code = 1
+machine.hang_up(code in machine.RESTARTS)
 save(code)
 sys.exit(code)
