@@ -1,26 +1,16 @@
-"""The register model of the sensor, and the firmware's driver and sampler on it, on CPython."""
+"""The register model of the sensor and its compass, as their data sheets have them."""
 
 from __future__ import annotations
 
-import importlib
 import json
 import struct
-import sys
-from array import array
-from collections.abc import Iterator
-from itertools import pairwise
-from types import ModuleType
-from typing import Any
 
 import pytest
 
-from solenav.sim.board import machine, simtime
+from solenav.sim.board import simtime
 from solenav.sim.board.ak8975_registers import SENSITIVITY
 from solenav.sim.board.mpu9150_registers import Mpu9150
-from solenav_core import messages
-from solenav_tools.staging import firmware_path
 
-READY_PIN = 6
 STILL = (0, 0, 2048, 100, 1, 2, 3)
 
 
@@ -28,53 +18,6 @@ STILL = (0, 0, 2048, 100, 1, 2, 3)
 def clock() -> None:
     """Nothing of the test before is still to come."""
     simtime.clear()
-
-
-@pytest.fixture
-def firmware(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, ModuleType]]:
-    """The firmware's modules, imported as on a board."""
-    with monkeypatch.context() as patch:
-        patch.syspath_prepend(str(firmware_path()))
-        patch.setitem(sys.modules, "time", simtime)
-        patch.setitem(sys.modules, "machine", machine)
-        modules = {name: importlib.import_module(name) for name in ("mpu9150", "sampler")}
-    yield modules
-    for name in modules:
-        del sys.modules[name]
-
-
-@pytest.fixture
-def model() -> Iterator[Mpu9150]:
-    """A sensor on the simulated bus."""
-    sensor = Mpu9150()
-    machine.wire(sensor, None)
-    yield sensor
-    machine.wire(None, None)
-
-
-class Bus(machine.I2C):
-    """Notes what is written, and when; fails where it is told to."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.writes: list[tuple[int, int, int]] = []
-        self.failures = 0
-
-    def writeto_mem(self, address: int, register: int, data: bytes) -> None:
-        self.writes.append((simtime.now(), register, data[0]))
-        super().writeto_mem(address, register, data)
-
-    def readfrom_mem_into(self, address: int, register: int, buffer: bytearray) -> None:
-        if self.failures:
-            self.failures -= 1
-            raise OSError(5)
-        super().readfrom_mem_into(address, register, buffer)
-
-
-def pulse(model: Mpu9150, values: tuple[int, ...] = STILL, after_us: int = 5000) -> None:
-    simtime.advance(after_us)
-    if model.sample(values):
-        machine.rise(READY_PIN)
 
 
 def write(model: Mpu9150, register: int, *values: int) -> None:
@@ -813,191 +756,3 @@ def test_what_the_processor_leaves_behind_is_kept() -> None:
     for device in (sensor, again):
         field(device, (5, 5, 5))
     assert read(again, 0x3B, 32) == read(sensor, 0x3B, 32)
-
-
-def test_every_value_of_a_word_is_decoded(firmware: dict[str, Any]) -> None:
-    driver = firmware["mpu9150"]
-    device = driver.Mpu9150(None)
-    sample = array("i", [0] * 6)
-    for word in range(65536):
-        others = ((word * 7919 + i * 9973) & 0xFFFF for i in range(6))
-        raw = struct.pack(">7H", word, *others)
-        values = struct.unpack(">7h", raw)
-        device.raw[:] = raw
-        flags = driver.decode(raw, sample)
-        assert tuple(sample) == values[:3] + values[4:]
-        assert device.temperature() == values[3]
-        clipped = [v in (-32768, 32767) for v in values]
-        assert flags == messages.CLIPPED_ACC * any(clipped[:3]) + messages.CLIPPED_GYRO * any(
-            clipped[4:]
-        )
-
-
-def test_the_driver_sets_the_sensor_up(firmware: dict[str, Any], model: Mpu9150) -> None:
-    bus = Bus()
-    device = firmware["mpu9150"].Mpu9150(bus)
-    device.wake()
-    assert device.kind == messages.SENSORS.index("MPU-9150")
-    assert not model.sampling
-    assert device.sample(200_000) == 200_000
-    assert read(model, 0x19, 4) == [4, 1, 0x18, 0x18]
-    assert model.period_us == 5000
-    assert model.sampling
-    assert model.registers[0x6B] == 1  # awake, on the gyro's PLL
-    assert model.registers[0x37] == 0  # pulses, bypass closed
-    power = [(t, value) for t, register, value in bus.writes if register == 0x6B]
-    assert [value for _t, value in power] == [0x80, 0x00, 0x01]
-    assert power[1][0] - power[0][0] >= 100_000
-    assert power[2][0] - power[1][0] >= 60_000
-    device.sleep()
-    assert not model.sampling
-    assert model.registers[0x6B] & 0x40
-
-
-@pytest.mark.parametrize(
-    ("wanted", "divider", "rate"),
-    [(200_000, 4, 200_000), (1_000_000, 0, 1_000_000), (112_500, 8, 111_111), (1000, 255, 3906)],
-)
-def test_the_nearest_rate(
-    firmware: dict[str, Any], model: Mpu9150, wanted: int, divider: int, rate: int
-) -> None:
-    device = firmware["mpu9150"].Mpu9150(Bus())
-    device.wake()
-    assert device.sample(wanted) == rate
-    assert read(model, 0x19) == [divider]
-
-
-def test_what_is_no_mpu9150(firmware: dict[str, Any], model: Mpu9150) -> None:
-    driver = firmware["mpu9150"]
-    bus = Bus()
-    machine.wire(Mpu9150(compass=False), None)
-    device = driver.Mpu9150(bus)
-    device.wake()
-    assert device.kind == messages.SENSORS.index("MPU-6050")
-
-    machine.wire(model, None)
-    model.identity = 0x70
-    bus.writes.clear()
-    with pytest.raises(driver.SensorError, match=r"WHO_AM_I 0x70 at 0x68"):
-        device.wake()
-    assert device.kind == 0
-    assert not bus.writes
-
-    machine.wire(None, None)
-    with pytest.raises(driver.SensorError, match=r"no answer from 0x68.*check"):
-        device.wake()
-
-
-@pytest.fixture
-def sampler(firmware: dict[str, Any], model: Mpu9150) -> tuple[Any, Bus]:
-    """A sampler that has just started, at 200 Hz, and its bus."""
-    bus = Bus()
-    device = firmware["mpu9150"].Mpu9150(bus)
-    device.wake()
-    made = firmware["sampler"].Sampler(device, machine.Pin(READY_PIN), 200_000)
-    made.start()
-    return made, bus
-
-
-def test_a_sample_for_each_pulse(sampler: tuple[Any, Bus], model: Mpu9150) -> None:
-    made, _bus = sampler
-    times = []
-    for i in range(5):
-        assert not made.ready()
-        pulse(model, (i, 0, 2048, 100, 1, -2, 3))
-        assert made.ready()
-        assert made.read()
-        assert made.sample.tolist()[:6] == [i, 0, 2048, 1, -2, 3]
-        assert made.flags == 0
-        times.append(made.time)
-    assert made.samples == 5
-    assert all(abs(b - a - 5400) < 50 for a, b in pairwise(times))
-    pulse(model, (32767, 0, 0, 0, 0, 0, -32768))
-    assert made.read()
-    assert made.flags == messages.CLIPPED_ACC | messages.CLIPPED_GYRO
-    assert made.clipped == 1
-
-
-def test_overruns_are_gaps(sampler: tuple[Any, Bus], model: Mpu9150) -> None:
-    made, _bus = sampler
-    for _ in range(3):
-        pulse(model)
-    assert made.read()
-    assert (made.samples, made.overruns, made.gaps) == (1, 2, 1)
-    assert made.flags == messages.GAP_BEFORE
-    pulse(model)
-    assert made.read()
-    assert made.flags == 0
-
-
-def test_failed_transfers(sampler: tuple[Any, Bus], model: Mpu9150) -> None:
-    made, bus = sampler
-    bus.failures = 1
-    pulse(model)
-    assert made.read()
-    assert (made.bus_errors, made.gaps, made.flags) == (1, 0, 0)
-    bus.failures = 2
-    pulse(model)
-    assert not made.read()
-    pulse(model)
-    assert made.read()
-    assert (made.bus_errors, made.gaps, made.flags) == (3, 1, messages.GAP_BEFORE)
-    bus.failures = 3
-    pulse(model)
-    assert not made.read()
-    pulse(model)
-    assert not made.read()  # the third in a row: set up anew
-    assert (made.bus_errors, made.recoveries) == (6, 1)
-    pulse(model)
-    assert made.read()
-    assert (made.gaps, made.flags) == (2, messages.GAP_BEFORE)
-
-
-def test_a_sensor_that_stays_away(
-    firmware: dict[str, Any], sampler: tuple[Any, Bus], model: Mpu9150
-) -> None:
-    made, _bus = sampler
-    pulse(model)
-    assert made.read()
-    machine.wire(None, None)
-    machine.rise(READY_PIN)
-    assert not made.read()
-    machine.rise(READY_PIN)
-    with pytest.raises(firmware["mpu9150"].SensorError):
-        made.read()
-    assert (made.bus_errors, made.recoveries) == (3, 0)
-
-
-def test_silence_is_a_fault(
-    firmware: dict[str, Any], sampler: tuple[Any, Bus], model: Mpu9150
-) -> None:
-    made, _bus = sampler
-    simtime.advance(49_000)
-    assert not made.ready()
-    simtime.advance(2000)
-    with pytest.raises(firmware["mpu9150"].SensorError, match="INT wire"):
-        made.ready()
-
-
-def test_the_period_is_learned(sampler: tuple[Any, Bus], model: Mpu9150) -> None:
-    made, _bus = sampler
-    last = simtime.now()
-    for i in range(600):
-        # 5117.5 µs between samples, however long the reading takes.
-        due = last + 5117 + i % 2
-        pulse(model, after_us=due - simtime.now())
-        last = due
-        assert made.read()
-        simtime.advance(17 * i % 300)
-    assert made.period() == pytest.approx(5117.5 * 256, abs=1e-5 * 5117.5 * 256)
-
-
-def test_time_goes_on_past_the_wrap_of_the_ticks(sampler: tuple[Any, Bus], model: Mpu9150) -> None:
-    made, _bus = sampler
-    start, told = simtime.now(), made.time
-    for _ in range(12):
-        simtime.advance(1 << 28)
-        made.keep_time()
-    pulse(model)
-    assert made.read()
-    assert made.time == pytest.approx((told + simtime.now() - start) % 2**32, abs=1000)
