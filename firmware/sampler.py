@@ -358,7 +358,7 @@ class Sampler:
             if waiting == -1:
                 self.fifo_overflows += 1
             self._break_off()
-            sensor.drop()
+            self._rely_on(sensor.drop)
             return -1
         if waiting == 0:
             self._more = False
@@ -490,7 +490,7 @@ class Sampler:
             if not sensor.compass_is_back():
                 return
         self._break_off()
-        sensor.reroute()
+        self._rely_on(sensor.reroute)
 
     def _watch_bus(self):
         """Slow it down where transfers fail too often, and speed it up again after a while."""
@@ -524,6 +524,13 @@ class Sampler:
         if self._failures >= most or stuck:
             self._failures = 0
             self._anew("the sensor's transfers fail: check SDA, SCL")
+
+    def _rely_on(self, action):
+        """Do what must not stay half done: else the sensor is set up anew."""
+        try:
+            action()
+        except SensorError as error:
+            self._anew(str(error))
 
     def _anew(self, why):
         """Set the sensor up anew; SensorError where that didn't help, or can't be done."""

@@ -222,6 +222,24 @@ def test_a_fifo_that_ran_over_is_a_gap_of_the_right_size(bench: Bench) -> None:
     assert sampler.gaps == 5
 
 
+def test_a_fifo_that_cannot_be_reset_is_set_up_anew(bench: Bench) -> None:
+    sampler = bench.sampler()
+    bench.run(sampler, 100)
+    simtime.advance(300_000)
+    refused: list[int] = []
+
+    def refuses(_address: int, register: int) -> bool:
+        if register == 0x6A and len(refused) < 3:
+            refused.append(register)
+            return True
+        return False
+
+    bench.refuses = refuses
+    bench.run(sampler, 100)
+    check(bench, sampler)
+    assert (sampler.fifo_overflows, sampler.recoveries, sampler.gaps) == (1, 1, 1)
+
+
 @pytest.mark.parametrize("work", [0, 137, 1000, 3000])
 def test_overruns_of_the_registers_are_gaps_of_the_right_size(bench: Bench, work: int) -> None:
     sampler = bench.sampler(fifo=False)
