@@ -238,6 +238,35 @@ def test_bit_flip(board: Callable[..., Board]) -> None:
     assert [made.words()[1] for _ in range(3)] == [-32768, -32768, 0]
 
 
+def test_bus_noise(board: Callable[..., Board]) -> None:
+    made = board({"kind": "bus_noise", "at": 1000, "for": 100_000, "every": 10, "seed": 3})
+    made.until(1001)
+    read = [made.read(0x0D, 4) for _ in range(40)]
+    sound = bytes(made.sensor.registers[0x0D:0x11])
+    wrong = [values for values in read if values != sound]
+    assert len(wrong) == 4
+    for values in wrong:
+        flipped = int.from_bytes(values, "big") ^ int.from_bytes(sound, "big")
+        assert flipped & (flipped - 1) == 0
+    for _ in range(9):
+        made.write(0x19, 4)
+    assert made.sensor.registers[0x19] == 4
+    made.write(0x19, 4)
+    assert made.sensor.registers[0x19] != 4
+    made.until(101_001)
+    assert all(made.read(0x0D, 4) == sound for _ in range(40))
+
+
+def test_int_wire(board: Callable[..., Board]) -> None:
+    made = board({"kind": "int_wire", "at": 10_000, "for": 10_000})
+    calls: list[int] = []
+    machine.Pin(machine.READY_PIN).irq(lambda pin: calls.append(made.time()))
+    made.playback._rise = lambda: machine.rise(machine.READY_PIN)
+    made.until(30_000)
+    assert 15_000 not in calls and calls[-1] == 30_000
+    assert made.words()[0] == 6
+
+
 def test_register(board: Callable[..., Board]) -> None:
     made = board({"kind": "register", "at": 1000, "register": 0x1C, "value": 0})
     made.until(6000)

@@ -14,6 +14,8 @@ when the sensor samples). Kinds with their own keys, [default]:
     clock          the sensor's samples come at "factor" times their spacing
     spike          "axis" (ax .. mz) reads as "value" [32767]; one sample without "for"
     bit_flip       "bit" [0] of "byte" [0] of the next "count" [1] reads that are so long
+    bus_noise      a random bit of every "every" [50] transfer on the bus is inverted
+    int_wire       the sensor's interrupts don't reach the processor
     register       the sensor's "register" gets the "value"
     reset          the sensor falls back to its reset state, asleep
     brown_out      the sensor without power [50 ms], then back in its reset state
@@ -91,6 +93,14 @@ def _spike(world: "World", fault: "dict[str, Any]", on: bool) -> None:
 
 def _bit_flip(_world: "World", fault: "dict[str, Any]", on: bool) -> None:
     machine.bus.flip = fault if on else None
+
+
+def _bus_noise(_world: "World", fault: "dict[str, Any]", on: bool) -> None:
+    machine.bus.disturb(fault if on else None)
+
+
+def _int_wire(_world: "World", _fault: "dict[str, Any]", on: bool) -> None:
+    machine.cut_wire = on
 
 
 def _register(world: "World", fault: "dict[str, Any]", on: bool) -> None:
@@ -174,6 +184,8 @@ KINDS = {
     "clock": (_clock, _REST, True),
     "spike": (_spike, _REST, True),
     "bit_flip": (_bit_flip, _REST, False),
+    "bus_noise": (_bus_noise, _REST, False),
+    "int_wire": (_int_wire, _REST, False),
     "register": (_register, 0, True),
     "reset": (_reset, 0, True),
     "brown_out": (_gone, 50_000, True),
