@@ -244,10 +244,12 @@ class _File(io.IOBase):
         self._writing = False  # into a block erased for it
         self._open = True
 
-    def write(self, data: "Any") -> int:
+    def write(self, data: "Any", offset: int = 0, length: "int | None" = None) -> int:
         global _used, written
         if not self._open:
             raise ValueError("file is closed")
+        if length is not None:
+            data = memoryview(data)[offset : offset + length]
         taken = len(data)
         data = data.encode() if isinstance(data, str) else bytes(data)
         if self._append:

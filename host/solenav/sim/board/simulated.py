@@ -8,7 +8,7 @@ are numbers for `machine.Pin`.
 from boards import Board
 
 from solenav.sim.board import machine
-from solenav.sim.board.machine import POWER_PIN, READY_PIN, SCL_PIN, SDA_PIN  # noqa: F401
+from solenav.sim.board.machine import POWER_PIN, READY_PIN, SCL_PIN, SDA_PIN
 
 baud = 460800  # of the UART; `start` sets the one that was asked for
 
@@ -22,6 +22,7 @@ def open() -> Board:
     """The board's bus, pin and UART, set up."""
     # fmt: off
     return Board(
-        open_bus(), machine.Pin(READY_PIN, machine.Pin.IN), machine.UART(baud), "simulated", baud,
+        open_bus, SCL_PIN, SDA_PIN, machine.Pin(READY_PIN, machine.Pin.IN), machine.UART(baud),
+        "simulated", baud, POWER_PIN,
     )
     # fmt: on
