@@ -170,6 +170,17 @@ def test_frozen(board: Callable[..., Board]) -> None:
     assert made.words()[0] == 7
 
 
+def test_frozen_until_a_reset(board: Callable[..., Board]) -> None:
+    made = board({"kind": "frozen", "at": 11_000, "mends": True})
+    made.until(30_500)
+    assert made.words()[0] == 2
+    made.write(0x6B, 0x80)
+    simtime.advance(100_000)
+    made.set_up()
+    made.until(300_500)
+    assert made.words()[0] == 60
+
+
 def test_the_fifo_overflows_while_the_processor_stands_still(board: Callable[..., Board]) -> None:
     made = board({"kind": "fifo_overflow", "at": 100_000})
     made.write(0x23, 0x78)
@@ -296,6 +307,22 @@ def test_a_sensor_without_power(board: Callable[..., Board], kind: str, length: 
     made.until(10_000 + length + 101_000)
     assert made.read(0x6B) == b"\x40"
     assert len(made.pulses) == 2
+
+
+def test_a_sensor_unplugged_stays_away_whatever_its_supply(board: Callable[..., Board]) -> None:
+    made = board({"kind": "gone", "at": 10_000, "for": 500_000})
+    supply = machine.Pin(machine.POWER_PIN, machine.Pin.OUT, value=1)
+    made.until(20_000)
+    supply.off()
+    supply.on()
+    made.until(400_000)
+    assert made.error() == EIO
+    supply.off()
+    made.until(700_000)
+    assert made.error() == EIO  # plugged in again, but switched off
+    supply.on()
+    made.until(801_000)
+    assert made.read(0x6B) == b"\x40"
 
 
 def test_gone_from_power_up_on(board: Callable[..., Board]) -> None:

@@ -701,6 +701,21 @@ say(sda.value())
 
 
 @posix
+def test_a_sensor_that_was_switched_off_is_on_after_a_reset() -> None:
+    lines, _made = said(
+        """
+if life == 1:
+    machine.Pin(7, machine.Pin.OUT, value=0)
+    say(bus.scan())
+    uart.flush()
+    machine.reset()
+say(bus.scan())
+"""
+    )
+    assert lines == ["[]", "[104]"]
+
+
+@posix
 def test_what_the_uart_still_holds_is_lost_in_a_reset() -> None:
     lines, _made = said("say('x' * 100)\ntime.sleep_us(1000)\nif life == 1: machine.reset()\n")
     # At 460800 baud 46 bytes leave in 1 ms.
@@ -775,7 +790,7 @@ while True:
 """
     lines, made = said(program, faults=script)
     assert made.restarts == (["power"] if kind == "power_cut" else [])
-    if kind == "brown_out":
+    if kind in ("power_cut", "bus_noise", "uart_noise"):
         assert said(program, faults=script)[0] == lines
 
 

@@ -7,7 +7,8 @@ when the sensor samples). Kinds with their own keys, [default]:
     nack           nothing on the sensor's bus acknowledges; "every" [1] transfer, "above" [0] Hz
     stuck_sda      SDA held low until SCL was clocked "clocks" [9] times, or the time is over
     wrong_id       WHO_AM_I reads as "value" [0x70]
-    frozen         the data registers stay as they are, data ready goes on
+    frozen         the data registers stay as they are, data ready goes on; with "mends" [false]
+                   a reset of the sensor ends it
     fifo_overflow  the processor stands still with interrupts disabled [1 s]
     hang           the processor stands still, interrupts are served [1 s]
     watchdog       the same, longer than any watchdog waits [20 s]
@@ -61,8 +62,9 @@ def _wrong_id(world: "World", fault: "dict[str, Any]", on: bool) -> None:
     world.sensor.identity = fault.get("value", 0x70) if on else 0x68
 
 
-def _frozen(world: "World", _fault: "dict[str, Any]", on: bool) -> None:
+def _frozen(world: "World", fault: "dict[str, Any]", on: bool) -> None:
     world.sensor.frozen = on
+    world.sensor.mends = on and fault.get("mends", False)
 
 
 def _stall(_world: "World", fault: "dict[str, Any]", on: bool) -> None:
@@ -114,7 +116,7 @@ def _reset(world: "World", _fault: "dict[str, Any]", on: bool) -> None:
 
 
 def _gone(_world: "World", _fault: "dict[str, Any]", on: bool) -> None:
-    machine.power(not on)
+    machine.unplug(on)
 
 
 def _temperature(world: "World", fault: "dict[str, Any]", on: bool) -> None:

@@ -55,13 +55,17 @@ _playback: Playback | None = None
 _handlers: dict[int, tuple[Callable[["Pin"], None], int]] = {}
 _uart: "UART | None" = None
 _over_at = -1
+_supplied = True
+_unplugged = False
 _line: "Line | None" = None
 
 
 def wire(sensor: Mpu9150 | None, playback: Playback | None) -> None:
     """Connect a sensor and its recording, or leave the bus empty; nothing disturbs it."""
-    global _sensor, _playback, _over_at, bus, cut_wire
+    global _sensor, _playback, _over_at, _supplied, _unplugged, bus, cut_wire
     cut_wire = False
+    _supplied = True
+    _unplugged = False
     _sensor = sensor
     _playback = playback
     _over_at = -1
@@ -80,8 +84,23 @@ def rise(number: int) -> None:
 
 
 def power(on: bool) -> None:
-    """The sensor's supply."""
-    bus.held = 0
+    """The sensor's supply, as the board gives it."""
+    global _supplied
+    _supplied = on
+    _supply()
+
+
+def unplug(off: bool) -> None:
+    """A fault: the supply doesn't reach the sensor, whatever the board gives."""
+    global _unplugged
+    _unplugged = off
+    _supply()
+
+
+def _supply() -> None:
+    on = _supplied and not _unplugged
+    if not on:
+        bus.held = 0
     if _sensor and on and not _sensor.powered:
         _sensor.power_up()
     elif _sensor and not on:
