@@ -134,10 +134,12 @@ class Download:
         self._number = number
         if number in self._blackbox.numbers and not self._blackbox.busy():
             try:
-                self._stop = max(self._offset, min(self._offset + length, size(number)))
-                self._file = open(path(number), "rb")
-                self._file.seek(self._offset)
-                return DONE
+                total = size(number)
+                if self._offset <= total:
+                    self._stop = min(self._offset + length, total)
+                    self._file = open(path(number), "rb")
+                    self._file.seek(self._offset)
+                    return DONE
             except OSError:
                 pass
         self._end()

@@ -1,13 +1,15 @@
 """Bytes on their way to the UART: a ring in which the least important frames go first."""
 
 from solenav_core.compat import micropython, ptr8
-from solenav_core.messages import FILE_DATA, POSE, SAMPLE
+from solenav_core.messages import FILE_DATA, POSE, SAMPLE, SNAPSHOT
 
 _SIZE = 8192
-# How full the ring may get by frames of a kind. What is above a download's share holds a snapshot.
+# How full the ring may get by frames of a kind. What is above a download's share holds a snapshot,
+# what is above that is for steps, states, answers and the log alone.
 _SAMPLE_SHARE = 3072
 _POSE_SHARE = 4608
 _DOWNLOAD_SHARE = 5120
+_SNAPSHOT_SHARE = 7680
 
 
 @micropython.viper
@@ -91,6 +93,8 @@ class Outbox(Ring):
             rank = 1
         elif kind == FILE_DATA:
             share = _DOWNLOAD_SHARE
+        elif kind == SNAPSHOT:
+            share = _SNAPSHOT_SHARE
         at = self.room(length) if self.used + length <= share else -1
         if at < 0:
             self.dropped[rank] += 1

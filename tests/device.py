@@ -4,44 +4,21 @@ from __future__ import annotations
 
 import importlib
 import sys
-from contextlib import contextmanager
 from types import ModuleType
 from typing import Any
+from unittest import mock
 
 from solenav.link import FrameReader
 from solenav.sim.board import simtime
 from solenav_tools.staging import firmware_path
 
 
-@contextmanager
-def _instead(modules: dict[str, Any]) -> Any:
-    """Other modules under these names, for imports within."""
-    before = {name: sys.modules.get(name) for name in modules}
-    sys.modules.update(modules)
-    try:
-        yield
-    finally:
-        for name, module in before.items():
-            if module is None:
-                sys.modules.pop(name, None)
-            else:
-                sys.modules[name] = module
-
-
 def load(*names: str, **fakes: Any) -> list[ModuleType]:
     """Import firmware modules afresh; `fakes` stand in for modules that they import."""
-    folder = str(firmware_path())
-    known = set(sys.modules)
-    sys.path.insert(0, folder)
-    try:
-        with _instead({"time": simtime, **fakes}):
-            return [importlib.import_module(name) for name in names]
-    finally:
-        sys.path.remove(folder)
-        for name in set(sys.modules) - known:
-            module = sys.modules[name]
-            if str(getattr(module, "__file__", "")).startswith(folder):
-                del sys.modules[name]
+    path = [str(firmware_path()), *sys.path]
+    modules = {"time": simtime, **fakes}
+    with mock.patch.object(sys, "path", path), mock.patch.dict(sys.modules, modules):
+        return [importlib.import_module(name) for name in names]
 
 
 class Uart:

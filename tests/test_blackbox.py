@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 from pathlib import Path
 
 import pytest
+import serial
+import wire
 from hypothesis import given
 from hypothesis import strategies as st
 from logging_board import SECOND, Board, wanted
+from test_firmware import Client
 
-from solenav import link
+from solenav import capture, link
 from solenav.sim.board import flash
 from solenav_core import messages
-
-RESERVE = 65536
+from solenav_tools import firmware_run
+from solenav_tools.micropython import find_micropython
+from solenav_tools.staging import stage
 
 
 def is_subsequence(part: list[tuple[int, int]], whole: list[tuple[int, int]]) -> bool:
@@ -249,3 +255,101 @@ def test_an_hour_fits_in_a_pico(tmp_path: Path) -> None:
     board.run(600)
     board.box.close()
     assert board.box.logged * 6 < 1_000_000
+
+
+@pytest.mark.skipif(os.name != "posix", reason="no pseudo-terminals here")
+@pytest.mark.parametrize("operation", [4, 12, 30])
+def test_a_board_whose_power_goes_keeps_what_it_has_acknowledged(
+    operation: int, walk: Path
+) -> None:
+    """The firmware as it is: STATUS says how much is safe."""
+    cut = {"kind": "power_cut", "operation": operation, "for": 1_000_000}
+    source = capture.load(walk)
+    config = {"checkpoint_s": 600}
+    with (
+        firmware_run.board_for(source, pose_every=4, faults=[cut], config=config) as board,
+        serial.Serial(board.port, 460800, timeout=0.5) as port,
+    ):
+        client = Client(port)
+        client.to_the_end()
+        folder = Path(board._folder.name) / "log"
+        files = {int(p.stem): p.read_bytes() for p in folder.glob("*.frames")}
+    assert board.restarts == ["power"]
+    hellos = [i for i, m in enumerate(client.messages) if m.name == "HELLO"]
+    lives = client.messages[: hellos[1]], client.messages[hellos[1] :]
+    acknowledged = [
+        [m.fields["logged"] for m in life if m.name == "STATUS"][-1:] or [0] for life in lives
+    ]
+    assert acknowledged[1][0] > 0
+    assert sum(map(len, files.values())) >= acknowledged[0][0] + acknowledged[1][0]
+    assert len(files) == (2 if acknowledged[0][0] else 1)
+    for data in files.values():
+        assert wire.decode(data)
+
+
+ALLOCATION = """
+import gc
+import sys
+
+sys.path[:] = [""]
+from solenav.sim.board import machine, simtime
+
+sys.modules["machine"] = machine
+sys.modules["time"] = simtime
+from blackbox import BlackBox
+from download import Download
+from link import Link
+
+from solenav_core.framing import HEADER
+from solenav_core.messages import POSE, SAMPLE, SIZES, STATUS
+
+
+class Uart:
+    def write(self, buffer, offset, length):
+        return length
+
+    def any(self):
+        return 0
+
+
+link = Link(Uart())
+box = BlackBox(link, "stop", EVERYTHING, 200, lambda: None)
+download = Download(link, box)
+KINDS = (SAMPLE, POSE, STATUS)
+
+
+def passes(n):
+    for tick in range(n):
+        link.receive(tick)
+        for kind in KINDS:
+            link.send(kind, tick, HEADER + SIZES[kind])
+        download.step(tick) or box.step(tick)
+        link.pump()
+
+
+def allocated(n):
+    gc.collect()
+    gc.disable()
+    before = gc.mem_alloc()
+    passes(n)
+    spent = gc.mem_alloc() - before
+    gc.enable()
+    return spent
+
+
+passes(3)
+print(allocated(5), box.ring.used > 0)
+box.listen()
+passes(200)
+print(allocated(300), box.ring.used > 1000)
+"""
+
+
+@pytest.mark.parametrize("everything", [False, True])
+def test_nothing_is_allocated_per_frame(everything: bool, tmp_path: Path) -> None:
+    """Neither while frames wait to be written nor while old ones make room for new ones."""
+    stage(tmp_path, {})
+    (tmp_path / "allocation.py").write_text(ALLOCATION.replace("EVERYTHING", str(everything)))
+    command = [find_micropython(), "allocation.py"]
+    ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert (ran.stdout.split(), ran.stderr) == (["0", "True", "0", "True"], "")

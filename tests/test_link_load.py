@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import random
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -192,46 +190,51 @@ def test_when_the_line_is_slow_samples_go_first_then_poses_then_a_download_waits
     assert sent == [i % 256 for i in range(len(sent))], "what was dropped leaves no hole"
 
 
-def flood(port: serial.Serial, over: threading.Event) -> None:
-    """Garbage, half frames, endless frames and good commands, as fast as the line takes them."""
-    rng = random.Random(5)
-    seq = 0
-    while not over.is_set():
-        good = link.encode(messages.ASK_LISTEN, seq, 0)
-        seq += 1
-        pieces = (rng.randbytes(200), good[:5], b"\xff" * 300, b"\0", good, b"\0" * 20)
-        try:
-            port.write(rng.choice(pieces))
-        except (serial.SerialException, OSError):
-            return
+ASKED = (messages.ASK_LISTEN, messages.ASK_HELLO, messages.ASK_SNAPSHOT, messages.ASK_FILES)
+FLOODS = {
+    "random": b"",
+    "endless": b"\xff",
+    "delimiters": b"\0",
+    "halves": b"".join(link.command(kind, 9, *([0] * (kind == ASKED[3])))[:8] for kind in ASKED),
+    "commands": b"".join(
+        link.command(kind, seq, *([0] * (kind == ASKED[3]))) for seq in range(256) for kind in ASKED
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def quiet(walk: Path) -> dict[int, int]:
+    """Digests of the walk's poses by tick, on a line where nothing comes in."""
+    return walked(walk)[0]
+
+
+def walked(walk: Path, **options: Any) -> tuple[dict[int, int], dict[str, int]]:
+    """The poses' digests by tick, and the last STATUS."""
+    with (
+        firmware_run.board_for(capture.load(walk), pose_every=4, **options) as board,
+        serial.Serial(board.port, 460800, timeout=0.5) as port,
+    ):
+        client = Client(port)
+        client.to_the_end()
+        board.check()
+    poses = {m.tick: m.fields["digest"] for m in client.named("POSE")}
+    return poses, client.named("STATUS")[-1].fields
 
 
 @pytest.mark.skipif(os.name != "posix", reason="no pseudo-terminals here")
-def test_a_flood_changes_no_pose(walk: Path) -> None:
-    source = capture.load(walk)
-
-    def digests(flooded: bool) -> tuple[dict[int, int], dict[str, Any]]:
-        over = threading.Event()
-        with (
-            firmware_run.board_for(source, pose_every=4) as board,
-            serial.Serial(board.port, 460800, timeout=0.5) as port,
-        ):
-            thread = threading.Thread(target=flood, args=(port, over), daemon=True)
-            if flooded:
-                thread.start()
-            client = Client(port)
-            client.to_the_end()
-            over.set()
-            board.check()
-        poses = {m.tick: m.fields["digest"] for m in client.named("POSE")}
-        return poses, client.named("STATUS")[-1].fields
-
-    quiet, _status = digests(False)
-    poses, status = digests(True)
-    assert status["bad_commands"] > 10
-    assert status["overruns"] == status["lost"] == 0
-    assert len(quiet) > 1000
+@pytest.mark.parametrize("name", FLOODS)
+def test_a_flood_during_a_walk_changes_no_pose(
+    name: str, walk: Path, quiet: dict[int, int]
+) -> None:
+    script = {"kind": "uart_flood", "after": 0, "data": FLOODS[name].hex()}
+    poses, status = walked(walk, faults=[script])
+    assert len(poses) > 1000
     assert poses == quiet
+    assert status["lost"] == status["overruns"] == 0
+    # Snapshots that are asked for 20 times a second find no room in the end.
+    assert (status["dropped_others"] > 0) == (name == "commands")
+    assert (status["bad_commands"] > 10) == (name in ("random", "halves", "commands"))
+    assert (status["refused_commands"] > 100) == (name == "commands")
 
 
 def test_random_bytes_make_no_command() -> None:

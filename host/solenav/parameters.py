@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solenav import mpu9150
+from solenav.calibration import model as calibrations
+from solenav.calibration.model import IDENTITY, Calibration
 from solenav.errors import SolenavError
 from solenav.recording import FloatArray
 from solenav_core import params
@@ -81,13 +83,7 @@ class Settings:
     magnetometer_error_deg: float = 20.0  # larger errors count for no more than this
     magnetometer_start: bool = False  # initial heading from the magnetometer
     declination_deg: float = 0.0  # of magnetic North from true North, East positive
-
-
-def _matrix(
-    name: str, diagonal: tuple[int, int], off: int, bias: int
-) -> dict[str, tuple[int, int]]:
-    limits = {f"{name}_{a}{b}": diagonal if a == b else (-off, off) for a in "XYZ" for b in "XYZ"}
-    return limits | {f"{name}_B{a}": (-bias, bias) for a in "XYZ"}
+    calibration: Calibration = IDENTITY  # of the sensor, and its mounting
 
 
 def _limits() -> dict[str, tuple[int, int]]:
@@ -95,12 +91,7 @@ def _limits() -> dict[str, tuple[int, int]]:
     word = 2**30 - 1
     limits = dict.fromkeys(params.NAMES, (0, word))
     limits |= {
-        **_matrix("ACC", (0, 24000), 1200, 2**21),
-        **_matrix("GYRO", (0, 18000), 1000, 2**27),
-        **_matrix("MAG", (0, 16384), 4096, 2**15),
-        "MOUNT_R": (-3, 3),
-        "MOUNT_F": (-3, 3),
-        "MOUNT_U": (-3, 3),
+        **calibrations.LIMITS,
         "HALF_ANGLE": (1, 54_000_000),
         "DT": (1, 2**25),
         "YAW_W": (-word, word),
@@ -146,12 +137,6 @@ def _limits() -> dict[str, tuple[int, int]]:
 LIMITS = _limits()
 
 
-def _identity(name: str, one: int) -> dict[str, int]:
-    """A sensor's matrix and bias where nothing is to be corrected."""
-    values = {f"{name}_{a}{b}": one if a == b else 0 for a in "XYZ" for b in "XYZ"}
-    return values | {f"{name}_B{a}": 0 for a in "XYZ"}
-
-
 def to_integers(settings: Settings, rate_hz: float) -> array[int]:
     """The core's parameter array for samples every 1/rate_hz seconds.
 
@@ -188,12 +173,7 @@ def to_integers(settings: Settings, rate_hz: float) -> array[int]:
     one = 2**30 - 1
     values = {
         "RATE_MHZ": round(rate_hz * 1000),
-        **_identity("ACC", q(1 / counts_per_accel, 22)),
-        **_identity("GYRO", q(1, 14)),
-        **_identity("MAG", q(1, 12)),
-        "MOUNT_R": 0,
-        "MOUNT_F": 0,
-        "MOUNT_U": 0,
+        **s.calibration.words(),
         "HALF_ANGLE": q(math.radians(1 / counts_per_dps) * dt / 2, 42),
         "DT": q(dt, 30),
         "YAW_W": min(one, q(math.cos(half_yaw), 30)),

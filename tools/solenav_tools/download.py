@@ -230,13 +230,14 @@ def _fetch(
     _write(unfinished, data)
     if _bytes_of(unfinished) != data:
         raise SolenavError(f"{unfinished} is not what was written", "check the disk", 1)
-    unfinished.replace(target)
+    about = {"number": checked.number, "crc": f"{checked.crc:08x}"}
+    try:
+        write_sidecar(target, {**notes, "blackbox": about})
+        unfinished.replace(target)
+        part.unlink()
+    except OSError as error:
+        raise _disk(target, error) from None
     frames, damaged = _count(data)
-    write_sidecar(
-        target,
-        {**notes, "blackbox": {"number": checked.number, "crc": f"{checked.crc:08x}"}},
-    )
-    part.unlink()
     return Fetched(*checked, target, frames, damaged, resumed, False)
 
 
@@ -258,10 +259,13 @@ def _complete(box: BlackBox, file: Checked, part: Path, progress: Callable[[int]
                 progress(have)
             os.fsync(out.fileno())
     except OSError as error:
-        raise SolenavError(
-            f"{part}: {error.strerror}", "free some space, or choose -o", 1
-        ) from None
+        raise _disk(part, error) from None
     return before
+
+
+def _disk(path: Path, error: OSError) -> SolenavError:
+    remedy = "free some space, or choose another folder with -o"
+    return SolenavError(f"{path}: {error.strerror}", remedy, 1)
 
 
 def _write(path: Path, data: bytes) -> None:
