@@ -81,15 +81,16 @@ if before:
     if sensor:
         sensor.load(before["sensor"])
         machine.bus.held = before["held"]
-    if before["code"] == machine.POWER_CUT:
+    cut = before["code"] == machine.POWER_CUT
+    if cut:
         machine.cause = machine.PWRON_RESET
-        machine.power(False)
+    machine.power(not cut)  # a pin that had switched the sensor off is an input again
     world.switch_on(again=True)
     if playback:
         playback.load(before["playback"])
     if playback and playback.start >= 0:
         world.start()
-    if before["code"] == machine.POWER_CUT:
+    if cut:
         simtime.advance(before["off"])
         machine.power(True)
     simtime.advance(_BOOT_US)
