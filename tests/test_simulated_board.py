@@ -686,6 +686,24 @@ while True:
 
 
 @posix
+def test_the_power_goes_again_while_the_board_boots() -> None:
+    lines, made = said(
+        """
+say(life, simtime.now() // 100000)
+start()
+while True:
+    machine.idle()
+""",
+        faults=[
+            {"kind": "power_cut", "at": 2_000_000, "for": 500_000},
+            {"kind": "power_cut", "at": 3_000_000, "for": 200_000},
+        ],
+    )
+    assert lines == ["1 0", "2 42"]
+    assert made.restarts == ["power", "power"]
+
+
+@posix
 def test_a_cut_inside_a_read_leaves_the_slave_holding_sda() -> None:
     lines, _made = said(
         """
