@@ -177,8 +177,10 @@ def measure(run: Capture, truth: Truth | None) -> Evaluation:
     east, north, up = (positions[-1] - positions[0]).tolist()
     horizontal = math.hypot(east, north)
     return Evaluation(
-        # The differences wrap as the counter does, so that their sum doesn't.
-        steps=int(rows["steps"][0]) + int(np.diff(rows["steps"]).sum(dtype=np.int64)),
+        # The differences wrap as the counter does, so that their sum doesn't; signed, so that
+        # one damaged count cancels out.
+        steps=int(rows["steps"][0])
+        + int(np.diff(rows["steps"]).view(np.int16).sum(dtype=np.int64)),
         distance_m=distance,
         duration_s=float(time_s[-1] - time_s[0]),
         poses=len(rows),
