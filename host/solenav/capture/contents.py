@@ -264,8 +264,16 @@ def _sift(out: Capture) -> None:
             untimely = ordering.untimely(table.rows["time"])
             table = _without(out, table, {"time out of order": untimely})
         setattr(out, name, table)
-    leaping = ordering.leaping(out.positions(), out.poses.tick)
-    out.poses = _without(out, out.poses, {"position out of reach": leaping})
+    velocities = out.poses.rows["velocity"] / 2**24
+    found = {
+        "position out of reach": ordering.leaping(
+            out.positions(), out.poses.tick, ordering.POSITION_M
+        ),
+        "velocity out of reach": ordering.leaping(
+            velocities, out.poses.tick, ordering.VELOCITY_MPS
+        ),
+    }
+    out.poses = _without(out, out.poses, found)
 
 
 def _without(out: Capture, table: Table, found: dict[str, NDArray[np.bool_]]) -> Table:

@@ -29,6 +29,8 @@ _CHAIN = 4
 _PAUSE_MAX = 3600.0
 _ARRIVAL_MIN, _ARRIVAL_MAX = 1e-6, 1e11
 _BLOCK = 1 << 16
+_DOUBTED = 3  # records before a broken length that may have a part in it
+_NEAR = 16  # records around damage that are looked at to judge how it is best read
 
 
 class CaptureWriter:
@@ -116,50 +118,102 @@ class _Scan:
 
     def records(self) -> Records:
         """What `scan` returns: by the lengths alone unless looking for damage finds more frames."""
-        plain = self._by_lengths(len(MAGIC))
-        if _in_order(plain):
+        plain = self._by_lengths(len(MAGIC), len(self.data))
+        if not plain[1] and _in_order(plain[0]):
             return plain
         mended = self._by_chains()
-        return mended if _frames(mended) > _frames(plain) else plain
+        return mended if _frames(mended[0]) > _frames(plain[0]) else plain
 
     def _by_chains(self) -> Records:
         """The records, where a length that leads astray is mended by the next chain."""
         data = self.data
         out: list[tuple[float, bytes]] = []
+        begins: list[int] = []
+        settled = 0
         at = len(MAGIC)
         while at + _RECORD.size <= len(data):
             arrival, length = _RECORD.unpack_from(data, at)
             start = at + _RECORD.size
             end = start + length
-            if self._goes_on(end):
+            if end == len(data) or self._follows(arrival, end) or self._chained(end):
                 out.append((arrival, data[start:end]))
+                begins.append(at)
                 at = end
                 continue
             found = self._next_chain(start)
-            if found == len(data):
-                rest = max(self._by_lengths(at), ([(arrival, data[start:])], 0), key=_frames)
-                return out + rest[0], rest[1]
-            out.append((arrival, self._between(start, end, found)))
-            at = found
+            # A length may have led to something like a header: look from a few records before.
+            since = max(len(out) - _DOUBTED, settled)
+            records, left, at = self._mended([*begins, at][since], found, out[:since][-_NEAR:])
+            out[since:] = records
+            settled = len(out)
+            begins[since:] = [at] * len(records)
+            if at == len(data):
+                return out, left
         return out, len(data) - at
 
-    def _goes_on(self, at: int) -> bool:
-        """Whether headers follow from `at`. Some may have lost their times."""
-        for _ in range(_CHAIN):
-            if at == len(self.data) or self._chained(at):
-                return True
-            if at + _RECORD.size > len(self.data):
-                return False
-            (length,) = struct.unpack_from("<H", self.data, at + 8)
-            at += _RECORD.size + length
-        return False
+    def _mended(
+        self, at: int, found: int, before: list[tuple[float, bytes]]
+    ) -> tuple[list[tuple[float, bytes]], int, int]:
+        """The best reading from `at` to the chain at `found`, what is left over, where to go on.
+
+        The frames that come out whole decide, with those that reach in from before and out to
+        behind. The chain's own first header may be an accident, so it is doubted as well.
+        """
+        choices = self._between(at, found)
+        stop = found
+        if found < len(self.data):
+            arrival, length = _RECORD.unpack_from(self.data, found)
+            start = found + _RECORD.size
+            stop = min(start + length, len(self.data))
+            first = arrival, self.data[start:stop]
+            choices = [([*records, first], left) for records, left in choices]
+            choices += self._between(at, stop)
+        after = self._by_lengths(stop, stop + _RECORD_MAX)[0][:_NEAR]
+        records, left = max(choices, key=lambda choice: _frames([*before, *choice[0], *after]))
+        return records, left, stop
+
+    def _follows(self, arrival: float, at: int) -> bool:
+        """Whether a header at `at` goes on from a record that arrived at `arrival`."""
+        if at + _RECORD.size > len(self.data):
+            return False
+        later, length = _RECORD.unpack_from(self.data, at)
+        return length > 0 and 0 < later < _ARRIVAL_MAX and 0 <= later - arrival <= _PAUSE_MAX
+
+    def _between(self, at: int, found: int) -> list[Records]:
+        """What the bytes from the header at `at` to the chain at `found` may be.
+
+        The lengths are right and only times are wrong; or one of the next lengths is wrong and
+        all that follows is data; or it leads to a header that is damaged and to be left out.
+        """
+        choices: list[Records] = []
+        by_lengths = self._by_lengths(at, found)
+        if not by_lengths[1] or found == len(self.data):
+            choices.append(by_lengths)
+        sound: list[tuple[float, bytes]] = []
+        for _ in range(_DOUBTED + 1):
+            if at + _RECORD.size > found:
+                break
+            arrival, length = _RECORD.unpack_from(self.data, at)
+            start = at + _RECORD.size
+            end = start + length
+            choices.append(([*sound, (arrival, self.data[start:found])], 0))
+            if end + _RECORD.size > found:
+                break
+            parted = self.data[start:end] + self.data[end + _RECORD.size : found]
+            choices.append(([*sound, (arrival, parted)], 0))
+            sound.append((arrival, self.data[start:end]))
+            at = end
+        return choices
 
     def _chained(self, at: int) -> bool:
-        """Whether a chain of sound headers begins at `at`; at the file's end two will do."""
+        """Whether a chain of sound headers begins at `at`.
+
+        At the file's end two will do, or one whose record ends there to the byte.
+        """
         last = 0.0
         for count in range(_CHAIN):
             if at + _RECORD.size > len(self.data):
-                return count >= 2
+                return count >= 2 or (count == 1 and at == len(self.data))
             arrival, length = _RECORD.unpack_from(self.data, at)
             likely = arrival == 0 or _ARRIVAL_MIN < arrival < _ARRIVAL_MAX
             follows = count == 0 or 0 <= arrival - last <= _PAUSE_MAX
@@ -168,19 +222,6 @@ class _Scan:
             last = arrival
             at += _RECORD.size + length
         return True
-
-    def _by_lengths(self, at: int) -> Records:
-        """The records from `at` on as their lengths say, and what is there of a last one."""
-        data = self.data
-        out = []
-        while at + _RECORD.size <= len(data):
-            arrival, length = _RECORD.unpack_from(data, at)
-            start = at + _RECORD.size
-            out.append((arrival, data[start : start + length]))
-            if start + length > len(data):
-                break
-            at = start + length
-        return out, len(data) - at
 
     def _next_chain(self, start: int) -> int:
         """Where the first chain at or after `start` begins; the end of the file if none does."""
@@ -193,8 +234,6 @@ class _Scan:
     def _search(self, start: int) -> int:
         for block in range(start, len(self.data) - _RECORD.size + 1, _BLOCK):
             piece = np.frombuffer(self.data[block : block + _BLOCK + 7], np.uint8)
-            if len(piece) < 8:
-                break
             windows = np.lib.stride_tricks.sliding_window_view(piece, 8)
             times = np.ascontiguousarray(windows).view("<f8")[:, 0]
             with np.errstate(invalid="ignore"):
@@ -204,22 +243,23 @@ class _Scan:
                     return block + int(offset)
         return len(self.data)
 
-    def _between(self, start: int, end: int, found: int) -> bytes:
-        """The stream's bytes from `start` to the chain at `found`.
+    def _by_lengths(self, at: int, stop: int) -> Records:
+        """The records between two places as their lengths say, and what is left of a last one."""
+        data = self.data[:stop]
+        out = []
+        while at + _RECORD.size <= len(data):
+            arrival, length = _RECORD.unpack_from(data, at)
+            start = at + _RECORD.size
+            out.append((arrival, data[start : start + length]))
+            if start + length > len(data):
+                break
+            at = start + length
+        return out, len(data) - at
 
-        Either the length that led to `end` is wrong, and all of them are; or the header there is
-        damaged and to be left out. The frames that come out whole decide.
-        """
-        whole = self.data[start:found]
-        if end + _RECORD.size > found:
-            return whole
-        parted = self.data[start:end] + self.data[end + _RECORD.size : found]
-        return max(whole, parted, key=lambda stream: _frames(([(0.0, stream)], 0)))
 
-
-def _in_order(records: Records) -> bool:
+def _in_order(records: list[tuple[float, bytes]]) -> bool:
     """Whether these have the times of a sound file: nobody looks for damage then."""
-    times = np.array([arrival for arrival, _data in records[0]])
+    times = np.array([arrival for arrival, _data in records])
     with np.errstate(invalid="ignore"):
         steps = np.diff(times)
         return bool(
@@ -227,10 +267,10 @@ def _in_order(records: Records) -> bool:
         )
 
 
-def _frames(records: Records) -> int:
+def _frames(records: list[tuple[float, bytes]]) -> int:
     """How many frames are intact in a stream."""
     reader = FrameReader()
-    items = (item for _arrival, data in records[0] for item in reader.feed(data))
+    items = (item for _arrival, data in records for item in reader.feed(data))
     return sum(isinstance(item, Frame) for item in items)
 
 

@@ -19,9 +19,9 @@ _REPEATED_WITHIN = 256
 # Neighbours this far apart (5 min at 200 Hz) say nothing of what is between them.
 _TICKS_MAX = 1 << 16
 _TIME_MAX_US = 60_000_000
-# Nobody moves further than this from one pose to the next.
-_JUMP_M = 10.0
-_JUMP_M_PER_TICK = 1.0
+# No foot leaves and comes back further than this from one pose to the next: at once, and a tick.
+POSITION_M = (0.5, 0.1)
+VELOCITY_MPS = (2.0, 1.0)
 
 
 def misplaced(
@@ -63,14 +63,17 @@ def untimely(time_us: NDArray[Any]) -> NDArray[np.bool_]:
     return out
 
 
-def leaping(position_m: NDArray[np.float64], tick: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Poses (n,) too far from both neighbours (n, 3), which are within reach of each other."""
+def leaping(
+    values: NDArray[np.float64], tick: NDArray[np.int64], reach: tuple[float, float]
+) -> NDArray[np.bool_]:
+    """Poses (n,) whose `values` (n, 3) are out of reach of both neighbours', which are near."""
     out = np.zeros(len(tick), bool)
     if len(tick) > 2:
-        step = np.linalg.norm(np.diff(position_m, axis=0), axis=1)
-        far = step > _JUMP_M + _JUMP_M_PER_TICK * np.abs(np.diff(tick))
-        across = np.linalg.norm(position_m[2:] - position_m[:-2], axis=1)
-        near = across <= _JUMP_M + _JUMP_M_PER_TICK * np.abs(tick[2:] - tick[:-2])
+        at_once, a_tick = reach
+        step = np.linalg.norm(np.diff(values, axis=0), axis=1)
+        far = step > at_once + a_tick * np.abs(np.diff(tick))
+        across = np.linalg.norm(values[2:] - values[:-2], axis=1)
+        near = across <= at_once + a_tick * np.abs(tick[2:] - tick[:-2])
         out[1:-1] = far[:-1] & far[1:] & near
     return out
 

@@ -85,10 +85,10 @@ def read_truth(capture: Path) -> Truth | None:
         return Truth(np.empty(0), empty, frame=frame, closed_loop=closed) if closed else None
     try:
         with path.open(newline="", encoding="utf-8") as file:
-            rows = _whole_rows(file)
+            names, rows = _whole_rows(file)
         table = {
             name: np.array([float(row[name]) if row[name] else np.nan for row in rows])
-            for name in (rows[0] if rows else ["time_s", *_POSITION])
+            for name in names
         }
         position = _stack(table, _POSITION)
         velocity = _stack(table, _VELOCITY) if "vel_e" in table else None
@@ -106,8 +106,8 @@ def read_truth(capture: Path) -> Truth | None:
         ) from None
 
 
-def _whole_rows(file: TextIO) -> list[dict[str, str]]:
-    """The table's rows; not a last one that was cut off.
+def _whole_rows(file: TextIO) -> tuple[list[str], list[dict[str, str]]]:
+    """The table's columns and rows; not a last row that was cut off.
 
     ValueError where a row has another number of cells than the heading.
     """
@@ -115,13 +115,14 @@ def _whole_rows(file: TextIO) -> list[dict[str, str]]:
     # Our own tables end each line with both characters; others may leave out the last line's end.
     if len(lines) > 1 and lines[0].endswith("\r\n") and not lines[-1].endswith("\r\n"):
         lines.pop()
-    rows = list(csv.DictReader(lines))
+    reader = csv.DictReader(lines)
+    rows = list(reader)
     if rows and None in rows[-1].values() and not lines[-1].endswith("\n"):
         rows.pop()
     for row in rows:
         if None in row or None in row.values():
             raise ValueError("a row has more or fewer cells than the heading")
-    return rows
+    return list(reader.fieldnames or []), rows
 
 
 def _stack(table: dict[str, FloatArray], names: list[str]) -> FloatArray:
