@@ -529,7 +529,7 @@ def _read(subject: Subject, damage: Damage, path: Path, outcome: Outcome, draw: 
     result = _accepted(outcome, "evaluate", lambda: evaluate(found))
     if result is not None:
         json.dumps(result.as_dict(), allow_nan=False)
-        if result.restarts and not damage.moves and not outcome.accidents:
+        if result.restarts and not (damage.moves or outcome.accidents):
             outcome.silent.append(f"{result.restarts} restarts that never were")
     if report is not None:
         accidents = outcome.accidents > 0 or damage.kind == ACCIDENT

@@ -51,13 +51,17 @@ class Table:
     def __len__(self) -> int:
         return len(self.tick)
 
+    def where(self, kept: NDArray[np.bool_]) -> Table:
+        """The rows where `kept` (n,) is True."""
+        return Table(self.rows[kept], self.tick[kept], self.order[kept])
+
 
 @dataclass
 class Capture:
     """Everything that a capture holds, as received; nothing repaired.
 
-    Left out and counted in `damaged` is what isn't whole, and what the frames around it contradict
-    (`solenav.capture.order`).
+    Left out and counted in `damaged` is what isn't whole, what came twice, and what has a tick that
+    the frames around it contradict (`solenav.capture.order`).
     """
 
     path: Path
@@ -183,8 +187,14 @@ def words(
 
 
 def unwrap(time_us: NDArray[Any]) -> FloatArray:
-    """Board time stamps (µs modulo 2**32, in order) to seconds without wraps."""
-    steps = np.diff(time_us.astype(np.int64)).astype(np.int64) % 2**32
+    """Board time stamps (µs modulo 2**32, in order) to seconds without wraps.
+
+    A single stamp that those around it contradict counts as half-way between them.
+    """
+    stamps = time_us.astype(np.int64)
+    astray = np.flatnonzero(ordering.untimely(stamps))
+    stamps[astray] = stamps[astray - 1] + (stamps[astray + 1] - stamps[astray - 1]) % 2**32 // 2
+    steps = np.diff(stamps) % 2**32
     return np.concatenate([[0.0], np.cumsum(steps)]) * 1e-6 + float(time_us[0]) * 1e-6
 
 
@@ -256,32 +266,14 @@ def load(path: Path) -> Capture:
 
 
 def _sift(out: Capture) -> None:
-    """Leave out and count what is contradicted by the frames around it."""
+    """Leave out and count frames that came twice, and ticks that the frames around contradict."""
     for name in ("samples", "poses", "steps", "aligns"):
         table: Table = getattr(out, name)
-        table = _without(out, table, ordering.misplaced(table.rows, table.tick, table.order))
-        if name == "samples":
-            untimely = ordering.untimely(table.rows["time"])
-            table = _without(out, table, {"time out of order": untimely})
-        setattr(out, name, table)
-    velocities = out.poses.rows["velocity"] / 2**24
-    found = {
-        "position out of reach": ordering.leaping(
-            out.positions(), out.poses.tick, ordering.POSITION_M
-        ),
-        "velocity out of reach": ordering.leaping(
-            velocities, out.poses.tick, ordering.VELOCITY_MPS
-        ),
-    }
-    out.poses = _without(out, out.poses, found)
-
-
-def _without(out: Capture, table: Table, found: dict[str, NDArray[np.bool_]]) -> Table:
-    bad = np.logical_or.reduce(list(found.values()))
-    if not bad.any():
-        return table
-    out.damaged += ordering.counted(found)
-    return Table(table.rows[~bad], table.tick[~bad], table.order[~bad])
+        found = ordering.misplaced(table.rows, table.tick, table.order)
+        bad = np.logical_or.reduce(list(found.values()))
+        if bad.any():
+            out.damaged += ordering.counted(found)
+            setattr(out, name, table.where(~bad))
 
 
 def _empty(kind: int) -> Table:

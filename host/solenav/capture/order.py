@@ -4,6 +4,8 @@ One in 65536 damaged frames has a CRC that fits by accident, and a link or an ed
 frames. Ticks, time stamps and positions go on steadily; a single frame that doesn't, between two
 that agree with each other, is no message of the board. A restart, where all that follows is
 different, is left alone, and so is the last frame of all: nothing speaks against it.
+
+`solenav.verify` compares whatever has a tick; only what is drawn or measured leaves out positions.
 """
 
 from __future__ import annotations
