@@ -59,8 +59,26 @@ def test_sensor_errors_can_be_chosen(tmp_path: Path) -> None:
     ideal, biased = (
         capture.load(tmp_path / f"{name}.solcap").sample_counts for name in ("none", "bias")
     )
-    assert np.ptp(ideal, axis=0).max() == 0
-    assert np.abs(biased[:, 3:].mean(axis=0)).max() > 20
+    assert np.ptp(ideal[:, :9], axis=0).max() == 0
+    assert np.abs(biased[:, 3:6].mean(axis=0)).max() > 20
+
+
+def test_the_magnetic_field_can_be_chosen(tmp_path: Path) -> None:
+    fields = {}
+    for name, options in (
+        ("north", []),
+        ("west", ["--declination", "-20"]),
+        ("iron", ["--hard-iron", "50"]),
+        ("inside", ["--indoors"]),
+    ):
+        arguments = ["simulate", "stand", "--duration", "3", "-o", f"{name}.solcap", *options]
+        assert solenav(*arguments, cwd=tmp_path).returncode == 0
+        fields[name] = capture.load(tmp_path / f"{name}.solcap").sample_counts[:, 6:9].mean(axis=0)
+    right, front, up = fields["north"]
+    assert abs(right) < front / 4 and up < -front
+    assert fields["west"][0] < right - front / 4
+    for name in ("iron", "inside"):
+        assert np.linalg.norm(fields[name] - fields["north"]) > 1
 
 
 @pytest.mark.parametrize("command", ["info", "verify", "evaluate"])

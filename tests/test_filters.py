@@ -81,7 +81,7 @@ def swings(walk: Walk) -> list[tuple[int, int]]:
 
 @pytest.mark.parametrize("name", WITH_AIDS)
 def test_a_filter_that_corrects_follows_an_ideal_walk(name: str, ideal: Walk) -> None:
-    assert rmse(ideal, named(name)(ideal)) < 0.2
+    assert rmse(ideal, named(name)(ideal)) < 0.3
 
 
 def test_without_correction_even_an_ideal_walk_goes_astray(ideal: Walk) -> None:

@@ -148,6 +148,12 @@ def test_the_torture_set(all_equal: Compare) -> None:
     all_equal([as_run(case) for case in torture.short()])
 
 
+@pytest.mark.parametrize("mounted", [False, True], ids=["as found", "mounting given"])
+def test_a_magnetometer_that_steers(mounted: bool, all_equal: Compare) -> None:
+    runs = [as_run(case) for case in torture.fields()]
+    all_equal(runs, torture.steering(PARAMS, mounted))
+
+
 @pytest.mark.parametrize("which", [0, 1], ids=["stance", "swing"])
 def test_a_minute(which: int, all_equal: Compare) -> None:
     """A whole minute of stance and of swing: at 50 Hz on all engines, at 200 Hz on quick ones."""

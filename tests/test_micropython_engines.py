@@ -59,7 +59,9 @@ def planted(tmp_path: Path) -> Path:
     particles = core / "particles.py"
     text = particles.read_text(encoding="utf-8")
     assert text.count("_STRIDE = const(37)") == 1
-    particles.write_text(text.replace("const(37)", "const(39)"), encoding="utf-8")
+    particles.write_text(
+        text.replace("_STRIDE = const(37)", "_STRIDE = const(39)"), encoding="utf-8"
+    )
     return core
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shutil
 from array import array
+from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
 
@@ -41,6 +42,9 @@ def recorder() -> ranges.Recorder:
     out = ranges.Recorder()
     for case in torture.short():
         out.run(case.name, case.counts, PARAMS[200.0], case.prepare)
+    for mounted in (False, True):
+        for case in torture.fields():
+            out.run(case.name, case.counts, torture.steering(PARAMS[200.0], mounted), case.prepare)
     return out
 
 
@@ -158,6 +162,10 @@ def integers(low: int, high: int) -> SearchStrategy[int]:
 
 factors = integers(-FACTOR, FACTOR)
 words = integers(-WORD, WORD)
+CALIBRATION = [n for n in params.NAMES if n.startswith(("ACC_X", "ACC_Y", "ACC_Z", "ACC_B"))]
+CALIBRATION += [n for n in params.NAMES if n.startswith(("GYRO_", "MAG_X", "MAG_Y", "MAG_Z"))]
+CALIBRATION += ["MAG_BX", "MAG_BY", "MAG_BZ"]
+ends = st.lists(st.integers(0, 1), min_size=1, max_size=36)
 samples = st.tuples(*[integers(-32768, 32767)] * 6)
 rates = st.sampled_from(RATES)
 axes = st.integers(0, 2)
@@ -204,6 +212,12 @@ class Bench:
     def work(self, name: str, *values: int) -> None:
         for i, value in enumerate(values):
             self.w[WORK[name] + i] = value
+
+    def calibrate(self, ends: Sequence[int]) -> None:
+        """Matrices and biases at their limits: 0 the least, else the largest, in turn."""
+        self.p = array("i", self.p)
+        for i, name in enumerate(CALIBRATION):
+            self.p[params.NAMES.index(name)] = parameters.LIMITS[name][ends[i % len(ends)] > 0]
 
     def sample(self, counts: tuple[int, ...]) -> None:
         for i, value in enumerate(counts):
@@ -276,8 +290,8 @@ def test_head(attitude: tuple[int, ...]) -> None:
 def test_propagate(given: Words, counts: tuple[int, ...], rate: float) -> None:
     bench = Bench(given, rate)
     bench.sample(counts)
-    kernels["correct_rate"](bench.s, bench.w, bench.m)
-    kernels["propagate"](bench.s, bench.p, bench.w, bench.m)
+    kernels["condition"](bench.s, bench.p, bench.w, bench.m)
+    kernels["propagate"](bench.s, bench.p, bench.w)
 
 
 @given(fields, samples, integers(0, 2**24), integers(0, 2**22), integers(0, 2**29))
@@ -289,13 +303,56 @@ def test_unrest(
     bench.p = array("i", bench.p)
     for name, value in (("RATE", of_rate), ("ACC", of_accel), ("GROWTH", growth)):
         bench.p[params.NAMES.index(f"UNREST_{name}")] = value
-    bench.p[params.NAMES.index("ACC_SCALE")] = parameters.LIMITS["ACC_SCALE"][1]
+    bench.calibrate((1, 1, 1))
     bench.sample(counts)
-    kernels["push"](bench.s, bench.p, bench.m)
-    kernels["correct_rate"](bench.s, bench.w, bench.m)
+    kernels["condition"](bench.s, bench.p, bench.w, bench.m)
+    kernels["push"](bench.s, bench.p, bench.w)
     kernels["unrest"](bench.s, bench.p, bench.w)
     low, high = torture.LIMITS["STILLEST"]
     assert low <= bench.s[layout.offsets(layout.STATE_FIELDS)["STILLEST"]] <= high
+
+
+@given(fields, samples, rates, ends)
+def test_calibrated_samples(
+    given: Words, counts: tuple[int, ...], rate: float, at: list[int]
+) -> None:
+    """Any sample through any calibration within its limits, up to the pose."""
+    bench = Bench(given, rate)
+    bench.calibrate(at)
+    bench.sample(counts)
+    kernels["condition"](bench.s, bench.p, bench.w, bench.m)
+    kernels["push"](bench.s, bench.p, bench.w)
+    kernels["propagate"](bench.s, bench.p, bench.w)
+    kernels["detect"](bench.s, bench.p, bench.w)
+
+
+@given(
+    fields,
+    st.tuples(*[integers(-32768, 32767)] * 3),
+    ends,
+    st.lists(integers(0, 1), min_size=5, max_size=5),
+)
+def test_steer(given: Words, field: tuple[int, ...], at: list[int], limits: list[int]) -> None:
+    """Any reading, any reference that a start can take, any parameters within their limits."""
+    bench = Bench(given, 200.0)
+    bench.calibrate(at)
+    names = ("MAG_GAIN", "MAG_BIAS_GAIN", "MAG_NORM_TOL", "MAG_DIP_TOL", "MAG_ERR_MAX")
+    for name, end in zip(names, limits, strict=True):
+        bench.p[params.NAMES.index(name)] = parameters.LIMITS[name][end]
+    bench.sample((0,) * 6 + field)
+    kernels["steer"](bench.s, bench.p, bench.w, bench.t, bench.m)
+
+
+@given(attitudes, st.tuples(*[integers(-(2**19), 2**19)] * 3), ends, st.integers(-32768, 32767))
+def test_refer(
+    attitude: tuple[int, ...], field: tuple[int, ...], at: list[int], north: int
+) -> None:
+    bench = Bench({"ATT": attitude}, 200.0)
+    bench.calibrate(at)
+    bench.p[params.NAMES.index("MAG_ALIGN")] = 1
+    bench.p[params.NAMES.index("DECLINATION")] = north
+    kernels["magnetic"](bench.s, bench.p, bench.w, *field)
+    kernels["refer"](bench.s, bench.p, bench.w, bench.t)
 
 
 @given(fields, rates)
@@ -379,4 +436,4 @@ def test_align(seed: int, others: list[tuple[int, ...]]) -> None:
     torture.put(bench.s, MODE=0, AL_DONE=0)
     for counts in (*[tuple(rest)] * 12, *others):
         bench.sample(counts)
-        kernels["align"](bench.s, bench.p, bench.w, bench.m)
+        kernels["align"](bench.s, bench.p, bench.w, bench.t, bench.m)

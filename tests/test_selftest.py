@@ -20,8 +20,10 @@ from solenav.engines import checked
 from solenav.engines.source import Kernel, kernels
 from solenav_core import (
     align,
+    calibration,
     covariance,
     detector,
+    heading,
     messages,
     navigator,
     particles,
@@ -37,8 +39,10 @@ from solenav_tools.recorder import ask
 
 MODULES: tuple[ModuleType, ...] = (
     align,
+    calibration,
     covariance,
     detector,
+    heading,
     navigator,
     particles,
     qmath,

@@ -105,6 +105,18 @@ def test_loop_ends_where_and_as_it_began() -> None:
     assert math.degrees(recording.gyro[:, 2].max()) > 100
 
 
+def test_laps_go_five_times_around() -> None:
+    recording = simulate("laps", errors=IDEAL, rate_hz=50)
+    position = truth_of(recording).position_enu
+    np.testing.assert_allclose(position[-1], 0, atol=1e-9)
+    assert truth_of(recording).closed_loop
+    middle = (position.min(axis=0) + position.max(axis=0)) / 2
+    east, north, _ = (position - middle).T
+    turned = np.ptp(np.unwrap(np.arctan2(north, east)))
+    assert turned == pytest.approx(5 * 2 * math.pi, rel=0.01)
+    assert np.ptp(position[:, :2], axis=0).max() < 30
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("scenario", WALKS)
 def test_a_walk_has_the_figures_of_a_gait(scenario: str, seed: int) -> None:

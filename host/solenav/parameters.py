@@ -9,15 +9,22 @@ from __future__ import annotations
 
 import math
 from array import array
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
 
 from solenav import mpu9150
 from solenav.errors import SolenavError
+from solenav.recording import FloatArray
 from solenav_core import params
 
 __all__ = ["Settings", "checked", "named", "replace", "to_integers"]
 
 REFERENCE_RATE_HZ = 200.0
+_MOUNT = ("MOUNT_R", "MOUNT_F", "MOUNT_U")
+HALF_TURN = math.pi / 2**16 * 2**30  # Q30 rad of half the angle that is one in 2**16 of a turn
 
 
 @dataclass(frozen=True)
@@ -63,6 +70,24 @@ class Settings:
     step_swing_s: float = 0.15
     step_stance_s: float = 0.04
     seed: int = 1
+    bridge_s: float = 0.05  # longest hole in the samples that doesn't spoil the pose
+    resume_s: float = 0.08  # stance that levels the foot where navigation goes on
+    resume_accel: float = 2.0  # m/s², largest deviation in it
+    resume_rate_dps: float = 30.0
+    magnetometer_s: float = 0.0  # time constant of the heading's correction; 0: none
+    magnetometer_bias_s: float = 0.0  # of the gyro bias's, 0: none
+    magnetometer_strength: float = 0.1  # share by which a good reading may differ
+    magnetometer_dip_deg: float = 8.0
+    magnetometer_error_deg: float = 20.0  # larger errors count for no more than this
+    magnetometer_start: bool = False  # initial heading from the magnetometer
+    declination_deg: float = 0.0  # of magnetic North from true North, East positive
+
+
+def _matrix(
+    name: str, diagonal: tuple[int, int], off: int, bias: int
+) -> dict[str, tuple[int, int]]:
+    limits = {f"{name}_{a}{b}": diagonal if a == b else (-off, off) for a in "XYZ" for b in "XYZ"}
+    return limits | {f"{name}_B{a}": (-bias, bias) for a in "XYZ"}
 
 
 def _limits() -> dict[str, tuple[int, int]]:
@@ -70,14 +95,19 @@ def _limits() -> dict[str, tuple[int, int]]:
     word = 2**30 - 1
     limits = dict.fromkeys(params.NAMES, (0, word))
     limits |= {
-        "ACC_SCALE": (1, 26754),
-        "HALF_ANGLE": (1, 2**26),
+        **_matrix("ACC", (0, 24000), 1200, 2**21),
+        **_matrix("GYRO", (0, 18000), 1000, 2**27),
+        **_matrix("MAG", (0, 16384), 4096, 2**15),
+        "MOUNT_R": (-3, 3),
+        "MOUNT_F": (-3, 3),
+        "MOUNT_U": (-3, 3),
+        "HALF_ANGLE": (1, 54_000_000),
         "DT": (1, 2**25),
         "YAW_W": (-word, word),
         "YAW_Z": (-word, word),
         "ALIGN_TICKS": (2, 32767),
         "ALIGN_MIN": (2, 32767),
-        "BIAS_MAX": (1, 2000),
+        "BIAS_MAX": (1, 1600),
         "RATE_MAX": (1, 26000),
         "STILL_RATE": (1, 26000),
         "STILL_GAIN": (0, 65535),
@@ -97,6 +127,16 @@ def _limits() -> dict[str, tuple[int, int]]:
         "K_E": (0, 2**20),
         "K": (0, 16384),
         "HEAVY_MIN": (0, 100),
+        "BRIDGE_TICKS": (0, 60),
+        "RESUME_TICKS": (2, 32767),
+        "RESUME_RATE": (1, 32767),
+        "MAG_GAIN": (0, 16384),
+        "MAG_BIAS_GAIN": (0, 65535),
+        "MAG_NORM_TOL": (0, 256),
+        "MAG_DIP_TOL": (0, 256),
+        "MAG_ERR_MAX": (0, 32767),
+        "MAG_ALIGN": (0, 1),
+        "DECLINATION": (-32768, 32767),
         "STEP_STANCE": (1, word),
         "SEED": (1, word),
     }
@@ -104,6 +144,12 @@ def _limits() -> dict[str, tuple[int, int]]:
 
 
 LIMITS = _limits()
+
+
+def _identity(name: str, one: int) -> dict[str, int]:
+    """A sensor's matrix and bias where nothing is to be corrected."""
+    values = {f"{name}_{a}{b}": one if a == b else 0 for a in "XYZ" for b in "XYZ"}
+    return values | {f"{name}_B{a}": 0 for a in "XYZ"}
 
 
 def to_integers(settings: Settings, rate_hz: float) -> array[int]:
@@ -125,6 +171,14 @@ def to_integers(settings: Settings, rate_hz: float) -> array[int]:
     window = max(1, round(s.window_s * rate_hz))
     noise = s.observation_noise * relative
 
+    # An AK8975 gives at most a reading every 10 ms; a share of the error is taken on each.
+    reading = max(dt, 0.01)
+    yaw_share = reading / s.magnetometer_s if s.magnetometer_s else 0.0
+    both = s.magnetometer_s * s.magnetometer_bias_s
+    # rad/s of bias for each rad of error, in Q24 counts for each 2**16th of a turn.
+    bias_share = reading / both if both else 0.0
+    bias_share *= 2 * math.pi / 2**16 * math.degrees(1) * counts_per_dps * 2**24
+
     def ticks(seconds: float) -> int:
         return max(1, round(seconds * rate_hz))
 
@@ -134,7 +188,12 @@ def to_integers(settings: Settings, rate_hz: float) -> array[int]:
     one = 2**30 - 1
     values = {
         "RATE_MHZ": round(rate_hz * 1000),
-        "ACC_SCALE": q(1 / counts_per_accel, 22),
+        **_identity("ACC", q(1 / counts_per_accel, 22)),
+        **_identity("GYRO", q(1, 14)),
+        **_identity("MAG", q(1, 12)),
+        "MOUNT_R": 0,
+        "MOUNT_F": 0,
+        "MOUNT_U": 0,
         "HALF_ANGLE": q(math.radians(1 / counts_per_dps) * dt / 2, 42),
         "DT": q(dt, 30),
         "YAW_W": min(one, q(math.cos(half_yaw), 30)),
@@ -177,6 +236,17 @@ def to_integers(settings: Settings, rate_hz: float) -> array[int]:
         "LOCKOUT_TICKS": ticks(s.lockout_s),
         "LOCKOUT_MIN": s.lockout_min,
         "P_VV_H1": q(s.lockout_velocity_variance, 26),
+        "BRIDGE_TICKS": round(s.bridge_s * rate_hz),
+        "RESUME_TICKS": max(2, ticks(s.resume_s)),
+        "RESUME_ACC": round(s.resume_accel * counts_per_accel),
+        "RESUME_RATE": round(s.resume_rate_dps * counts_per_dps),
+        "MAG_GAIN": round(yaw_share * HALF_TURN),
+        "MAG_BIAS_GAIN": round(bias_share),
+        "MAG_NORM_TOL": q(s.magnetometer_strength, 8),
+        "MAG_DIP_TOL": q(math.radians(s.magnetometer_dip_deg), 8),
+        "MAG_ERR_MAX": round(s.magnetometer_error_deg * 2**16 / 360),
+        "MAG_ALIGN": int(s.magnetometer_start),
+        "DECLINATION": round(s.declination_deg * 2**16 / 360),
         "STEP_SWING": ticks(s.step_swing_s),
         "STEP_STANCE": ticks(s.step_stance_s),
         "SEED": s.seed,
@@ -205,12 +275,51 @@ def checked(values: list[int]) -> array[int]:
             "parameters YAW_W and YAW_Z are no rotation: their squares sum to more than 1",
             "make them the cosine and sine of half the initial heading, times 2**30",
         )
+    mount = [abs(found[name]) for name in _MOUNT]
+    if any(mount) and sorted(mount) != [1, 2, 3]:
+        raise SolenavError(
+            "parameters MOUNT_R, MOUNT_F and MOUNT_U name an axis twice or not at all",
+            "give each of the sensor's axes once (1 x, 2 y, 3 z, negative turned round), or all 0",
+        )
+    if any(mount) and np.linalg.det(_mounting([found[name] for name in _MOUNT])) < 0:
+        raise SolenavError(
+            "parameters MOUNT_R, MOUNT_F and MOUNT_U are left-handed",
+            "turn one of the axes round",
+        )
     if found["STILL_RATE"] * found["STILL_GAIN"] >= 2**25:
         raise SolenavError(
             "parameters STILL_RATE and STILL_GAIN together overflow the core's word",
             "lower the still rate or lengthen the still time constant",
         )
     return array("i", values)
+
+
+def _mounting(axes: Sequence[int]) -> FloatArray:
+    """The matrix (3, 3) from sensor to body axes, of the sensor's right, front and up."""
+    out = np.zeros((3, 3))
+    for row, axis in enumerate(axes):
+        out[row, abs(axis) - 1] = np.sign(axis)
+    return out
+
+
+def body_samples(
+    counts: NDArray[np.int16], values: array[int], mount: Sequence[int]
+) -> tuple[FloatArray, FloatArray]:
+    """Specific force (n, 3) in m/s² and rate (n, 3) in rad/s, body axes, as the core has them.
+
+    `counts` (n, 6 or more) through the calibration in the parameters `values`; `mount` (3,) as
+    in the core's state.
+    """
+    p = named(values)
+    raw = counts[:, :6].astype(np.float64)
+
+    def corrected(name: str, one: float, zero: float, part: FloatArray) -> FloatArray:
+        matrix = np.array([[p[f"{name}_{a}{b}"] for b in "XYZ"] for a in "XYZ"]) / one
+        bias = np.array([p[f"{name}_B{a}"] for a in "XYZ"]) / zero
+        return (part @ matrix.T - bias) @ _mounting(mount).T
+
+    force = corrected("ACC", 2**22, 2**20, raw[:, :3])
+    return force, corrected("GYRO", 2**14, 2**20, raw[:, 3:]) * mpu9150.GYRO_RADPS_PER_LSB
 
 
 def named(values: array[int]) -> dict[str, int]:

@@ -43,6 +43,8 @@ class Recording:
     force in m/s² (at rest it points up); `gyro` (n, 3) angular rate in rad/s; `rate_hz` the mean
     sample rate that the core's dt is made from; `source` says where it came from (format, file
     name), `notes` whatever a reader of the capture should know (repaired time stamps, ...).
+    `mag` (n, 3) magnetic flux density in µT, in the axes of `accel`, a row of NaN where the
+    magnetometer gave nothing at that sample; None without a magnetometer.
     """
 
     name: str
@@ -53,6 +55,7 @@ class Recording:
     truth: Truth | None = None
     source: str = ""
     notes: dict[str, Any] = field(default_factory=dict)
+    mag: FloatArray | None = None
 
     def first(self, seconds: float) -> Recording:
         """The recording's beginning, with the truth of that time; no loop is closed any more."""
@@ -73,5 +76,6 @@ class Recording:
             time_s=self.time_s[kept],
             accel=self.accel[kept],
             gyro=self.gyro[kept],
+            mag=None if self.mag is None else self.mag[kept],
             truth=truth,
         )

@@ -5,9 +5,14 @@ stretch and starts another. ALIGN_TICKS of stillness are a full static start. Pe
 walk off early, so a stretch of at least ALIGN_MIN serves as well until a longer one comes, and
 navigation begins with it; with the first real swing the search is over. No magnetometer is
 needed: the body's front axis gets the heading of parameters YAW_W and YAW_Z.
+
+Where navigation goes on after a hole in the samples or a restart (`navigator.resume`), position,
+heading and biases are kept, and RESUME_TICKS of a stance level the foot anew.
 """
 
+from solenav_core.calibration import magnetic, mounted, orient
 from solenav_core.compat import const, micropython, ptr32
+from solenav_core.heading import refer
 from solenav_core.qmath import div, isqrt, mulshift
 from solenav_core.strapdown import compose, to_nav, turn
 
@@ -17,39 +22,65 @@ _G_MIN = const(7864320)  # 7.5 m/s²: below or above, this is no sensor at rest 
 _G_MAX = const(12582912)  # 12 m/s²
 _ROUNDS = const(8)
 _HALF = const(0x1FFFFFFF)  # a unit vector in Q29: turning one takes twice its length
+_MAG_NEW = const(8)  # messages.MAG_NEW
 _FLAT = const(0x3330000)  # 0.1 in Q29: the front axis 6° from the vertical
 
-_S_AL_COUNT = const(3)
-_S_AL_BEST = const(5)
-_S_AL_DONE = const(4)
-_S_AL_RESTARTS = const(6)
-_S_AL_PEAK_ACC = const(7)
-_S_AL_PEAK_RATE = const(8)
-_S_AL_REF = const(9)
-_S_AL_SUM = const(15)
-_S_ATT = const(58)
+_S_AL_COUNT = const(11)
+_S_AL_BEST = const(13)
+_S_AL_DONE = const(12)
+_S_AL_RESTARTS = const(14)
+_S_AL_PEAK_ACC = const(15)
+_S_AL_PEAK_RATE = const(16)
+_S_AL_REF = const(17)
+_S_AL_SUM = const(23)
+_S_ATT = const(73)
 _S_TICK = const(0)
 _S_MODE = const(1)
-_S_STANCE = const(21)
-_S_RNG = const(94)
-_S_TICK_STEP = const(518)
-_S_STEP_VAR = const(528)
-_S_BIAS = const(71)
-_S_GRAVITY = const(74)
-_S_P_VV = const(75)
-_S_P_TT = const(88)
-_P_ACC_SCALE = const(1)
-_P_YAW_W = const(4)
-_P_YAW_Z = const(5)
-_P_ALIGN_TICKS = const(6)
-_P_ALIGN_MIN = const(7)
-_P_ALIGN_ACC = const(8)
-_P_ALIGN_RATE = const(9)
-_P_BIAS_MAX = const(10)
-_P_SEED = const(46)
-_P_P_VV_0 = const(30)
-_P_P_TT_0 = const(31)
+_S_STANCE = const(36)
+_S_RNG = const(109)
+_S_TICK_STEP = const(533)
+_S_STEP_VAR = const(543)
+_S_BIAS = const(86)
+_S_GRAVITY = const(89)
+_S_P_VV = const(90)
+_S_P_TT = const(103)
+_S_RESUMED = const(10)
+_S_GAPS = const(9)
+_S_AL_MAG = const(29)
+_S_AL_MAG_COUNT = const(32)
+_S_VEL = const(77)
+_S_POS = const(80)
+_S_POS_LAST = const(522)
+_S_POS_REF = const(525)
+_S_POS_STEP = const(528)
+_S_HEADING_STEP = const(531)
+_S_HEADING_LAST = const(532)
+_S_STANCE_TICKS = const(534)
+_S_STEPPING = const(535)
+_S_MAG_REFUSED = const(550)
+_P_YAW_W = const(42)
+_P_YAW_Z = const(43)
+_P_ALIGN_TICKS = const(44)
+_P_ALIGN_MIN = const(45)
+_P_ALIGN_ACC = const(46)
+_P_ALIGN_RATE = const(47)
+_P_BIAS_MAX = const(48)
+_P_SEED = const(95)
+_P_P_VV_0 = const(68)
+_P_P_TT_0 = const(69)
+_P_RESUME_TICKS = const(83)
+_P_RESUME_ACC = const(84)
+_P_RESUME_RATE = const(85)
+_P_P_VV_H1 = const(81)
+_P_ACC_XX = const(1)
+_P_ACC_BX = const(10)
+_P_GYRO_XX = const(13)
+_P_GYRO_BX = const(22)
 _W_NAV = const(0)
+_W_FORCE = const(3)
+_W_RATE = const(6)
+_I_MAG = const(6)
+_I_FLAGS = const(9)
 
 
 @micropython.viper
@@ -62,6 +93,15 @@ def gather(s: ptr32, p: ptr32, m: ptr32) -> int:
     peak_acc = s[_S_AL_PEAK_ACC]
     peak_rate = s[_S_AL_PEAK_RATE]
     count = s[_S_AL_COUNT]
+    least = p[_P_ALIGN_MIN]
+    full = p[_P_ALIGN_TICKS]
+    most_acc = p[_P_ALIGN_ACC]
+    most_rate = p[_P_ALIGN_RATE]
+    if s[_S_RESUMED]:
+        full = p[_P_RESUME_TICKS]
+        least = full
+        most_acc = p[_P_RESUME_ACC]
+        most_rate = p[_P_RESUME_RATE]
     if count > 0:
         i = 0
         while i < 6:
@@ -74,10 +114,10 @@ def gather(s: ptr32, p: ptr32, m: ptr32) -> int:
             elif off > peak_rate:
                 peak_rate = off
             i = i + 1
-        if peak_acc > p[_P_ALIGN_ACC] or peak_rate > p[_P_ALIGN_RATE]:
+        if peak_acc > most_acc or peak_rate > most_rate:
             if s[_S_AL_RESTARTS] < 0x3FFFFFFF:
                 s[_S_AL_RESTARTS] = s[_S_AL_RESTARTS] + 1
-            if count >= p[_P_ALIGN_MIN] and count > s[_S_AL_BEST]:
+            if count >= least and count > s[_S_AL_BEST]:
                 return 2
             count = 0
     if count == 0:
@@ -88,6 +128,16 @@ def gather(s: ptr32, p: ptr32, m: ptr32) -> int:
             s[_S_AL_REF + i] = m[i]
             s[_S_AL_SUM + i] = 0
             i = i + 1
+        i = 0
+        while i < 4:
+            s[_S_AL_MAG + i] = 0
+            i = i + 1
+    if m[_I_FLAGS] & _MAG_NEW:
+        i = 0
+        while i < 3:
+            s[_S_AL_MAG + i] = s[_S_AL_MAG + i] + m[_I_MAG + i]
+            i = i + 1
+        s[_S_AL_MAG_COUNT] = s[_S_AL_MAG_COUNT] + 1
     i = 0
     while i < 6:
         s[_S_AL_SUM + i] = s[_S_AL_SUM + i] + m[i]
@@ -95,23 +145,20 @@ def gather(s: ptr32, p: ptr32, m: ptr32) -> int:
     s[_S_AL_PEAK_ACC] = peak_acc
     s[_S_AL_PEAK_RATE] = peak_rate
     s[_S_AL_COUNT] = count + 1
-    return int(count + 1 >= p[_P_ALIGN_TICKS])
+    return int(count + 1 >= full)
 
 
 @micropython.viper
 def level(s: ptr32, w: ptr32, ax: int, ay: int, az: int) -> int:
-    """Attitude in which the mean force (Q20 m/s², body) points up; leaves it in work NAV.
+    """Turn the attitude until the mean force (Q20 m/s², body) points up; leaves it in work NAV.
 
     Each round turns the force towards Up by the sine of what is left, so the error falls with
-    its cube; a force that points down is turned over first, about the front axis.
+    its cube; a force that points down is turned over first, about the front axis. The turns are
+    the shortest, so that an attitude which was nearly right keeps its heading.
     """
-    s[_S_ATT] = _ONE
-    s[_S_ATT + 1] = 0
-    s[_S_ATT + 2] = 0
-    s[_S_ATT + 3] = 0
-    if az < 0:
-        s[_S_ATT] = 0
-        s[_S_ATT + 2] = _ONE
+    int(to_nav(s, w, ax, ay, az))
+    if w[_W_NAV + 2] < 0:
+        int(compose(s, 0, 0, _ONE, 0, 0))
     i = 0
     while i < _ROUNDS:
         int(to_nav(s, w, ax, ay, az))
@@ -149,9 +196,12 @@ def head(s: ptr32, p: ptr32, w: ptr32) -> int:
 
 @micropython.viper
 def sensible(s: ptr32, p: ptr32, w: ptr32) -> int:
-    """1 if the stretch may be a sensor at rest on Earth; its mean force (Q20) into work NAV."""
+    """1 if the stretch may be a sensor at rest on Earth.
+
+    Its mean force (Q20 m/s²) goes into work FORCE, its mean rate (Q20 counts) into work RATE,
+    both in sensor axes.
+    """
     count = s[_S_AL_COUNT]
-    total = 0
     i = 0
     while i < 3:
         rate = s[_S_AL_SUM + 3 + i]
@@ -159,10 +209,36 @@ def sensible(s: ptr32, p: ptr32, w: ptr32) -> int:
             rate = 0 - rate
         if rate >= p[_P_BIAS_MAX] * count:
             return 0
-        force = int(mulshift(int(div(s[_S_AL_SUM + i], count, 15)), p[_P_ACC_SCALE], 17))
+        w[_W_NAV + i] = int(div(s[_S_AL_SUM + 3 + i], count, 20))
+        i = i + 1
+    at = 0
+    i = 0
+    while i < 3:
+        rate = 0 - p[_P_GYRO_BX + i]
+        j = 0
+        while j < 3:
+            rate = rate + int(mulshift(w[_W_NAV + j], p[_P_GYRO_XX + at] << 4, 18))
+            at = at + 1
+            j = j + 1
+        w[_W_RATE + i] = rate
+        i = i + 1
+    i = 0
+    while i < 3:
+        w[_W_NAV + i] = int(div(s[_S_AL_SUM + i], count, 15))
+        i = i + 1
+    total = 0
+    at = 0
+    i = 0
+    while i < 3:
+        force = 0 - p[_P_ACC_BX + i]
+        j = 0
+        while j < 3:
+            force = force + int(mulshift(w[_W_NAV + j], p[_P_ACC_XX + at], 17))
+            at = at + 1
+            j = j + 1
+        w[_W_FORCE + i] = force
         if force > _G_MAX or force < 0 - _G_MAX:
             return 0
-        w[_W_NAV + i] = force
         force = force >> 13
         total = total + force * force
         i = i + 1
@@ -171,7 +247,7 @@ def sensible(s: ptr32, p: ptr32, w: ptr32) -> int:
 
 
 @micropython.viper
-def finish(s: ptr32, p: ptr32, w: ptr32) -> int:
+def finish(s: ptr32, p: ptr32, w: ptr32, t: ptr32) -> int:
     """Start navigating from the stretch: biases, gravity, attitude, first variances.
 
     1, or 0 where the stretch makes no sense; then nothing has changed.
@@ -179,37 +255,95 @@ def finish(s: ptr32, p: ptr32, w: ptr32) -> int:
     if int(sensible(s, p, w)) == 0:
         return 0
     i = _S_ATT
-    while i < _S_STEP_VAR + 3:
+    while i < _S_MAG_REFUSED + 1:
         s[i] = 0
         i = i + 1
     s[_S_STANCE] = 0
+    s[_S_GAPS] = 0
     s[_S_RNG] = (p[_P_SEED] >> 16) & 65535
     s[_S_RNG + 1] = p[_P_SEED] & 65535
     s[_S_TICK_STEP] = s[_S_TICK]
-    int(level(s, w, w[_W_NAV], w[_W_NAV + 1], w[_W_NAV + 2]))
+    int(orient(s, p, w))
+    int(mounted(s, w, _W_FORCE))
+    int(mounted(s, w, _W_RATE))
+    s[_S_ATT] = _ONE
+    int(level(s, w, w[_W_FORCE], w[_W_FORCE + 1], w[_W_FORCE + 2]))
     s[_S_GRAVITY] = w[_W_NAV + 2]
     int(head(s, p, w))
-    count = s[_S_AL_COUNT]
     i = 0
     while i < 3:
-        s[_S_BIAS + i] = int(div(s[_S_AL_SUM + 3 + i], count, 20))
+        s[_S_BIAS + i] = w[_W_RATE + i]
         s[_S_P_VV + i] = p[_P_P_VV_0]
         i = i + 1
     s[_S_P_TT] = p[_P_P_TT_0]
     s[_S_P_TT + 1] = p[_P_P_TT_0]
-    s[_S_AL_BEST] = count
+    s[_S_AL_BEST] = s[_S_AL_COUNT]
+    count = s[_S_AL_MAG_COUNT]
+    if count > 0:
+        x = int(div(s[_S_AL_MAG], count, 4))
+        y = int(div(s[_S_AL_MAG + 1], count, 4))
+        int(magnetic(s, p, w, x, y, int(div(s[_S_AL_MAG + 2], count, 4))))
+        int(refer(s, p, w, t))
     s[_S_MODE] = 1
     return 1
 
 
 @micropython.viper
-def align(s: ptr32, p: ptr32, w: ptr32, m: ptr32) -> int:
+def settle(s: ptr32, p: ptr32, w: ptr32) -> int:
+    """Go on navigating from the stretch, of a stance: the foot is levelled, nothing else moves.
+
+    1, or 0 where the stretch is of no foot that stands; then nothing has changed.
+    """
+    if int(sensible(s, p, w)) == 0:
+        return 0
+    int(mounted(s, w, _W_FORCE))
+    int(mounted(s, w, _W_RATE))
+    i = 0
+    while i < 3:
+        rate = (w[_W_RATE + i] >> 12) - (s[_S_BIAS + i] >> 12)
+        if rate > p[_P_RESUME_RATE] << 8 or rate < 0 - (p[_P_RESUME_RATE] << 8):
+            return 0
+        i = i + 1
+    i = _S_P_VV
+    while i < _S_POS_LAST:
+        if i < _S_RNG or i > _S_RNG + 1:
+            s[i] = 0
+        i = i + 1
+    int(level(s, w, w[_W_FORCE], w[_W_FORCE + 1], w[_W_FORCE + 2]))
+    i = 0
+    while i < 3:
+        s[_S_VEL + i] = 0
+        s[_S_P_VV + i] = p[_P_P_VV_H1]
+        s[_S_POS_LAST + i] = s[_S_POS + i]
+        s[_S_POS_REF + i] = s[_S_POS + i]
+        s[_S_POS_STEP + i] = s[_S_POS + i]
+        s[_S_STEP_VAR + i] = 0
+        i = i + 1
+    s[_S_P_TT] = p[_P_P_TT_0]
+    s[_S_P_TT + 1] = p[_P_P_TT_0]
+    s[_S_HEADING_STEP] = s[_S_HEADING_LAST]
+    s[_S_TICK_STEP] = s[_S_TICK]
+    s[_S_STANCE_TICKS] = 0
+    s[_S_STEPPING] = 0
+    s[_S_STANCE] = 0
+    s[_S_AL_BEST] = s[_S_AL_COUNT]
+    s[_S_MODE] = 1
+    return 1
+
+
+@micropython.viper
+def align(s: ptr32, p: ptr32, w: ptr32, t: ptr32, m: ptr32) -> int:
     """One sample of the search. 0, or 1 (this sample used up) or 2 (not) for a new start."""
     found = int(gather(s, p, m))
     if found == 0:
         return 0
-    made = int(finish(s, p, w))
-    if found == 1 and made:
-        s[_S_AL_DONE] = 1
+    made = 0
+    if s[_S_RESUMED]:
+        made = int(settle(s, p, w))
+    else:
+        made = int(finish(s, p, w, t))
+    if made:
+        if found == 1 or s[_S_RESUMED]:
+            s[_S_AL_DONE] = 1
     s[_S_AL_COUNT] = 0
     return found * made

@@ -10,19 +10,19 @@ from solenav_core.qmath import clamp, mulsat, mulshift
 
 _LIMIT = const(0x3FFFFFFF)  # 16 (m/s)², 64 m²/s and m², 4 rad m/s and rad m, 1 rad²
 
-_S_P_VV = const(75)
-_S_P_PV = const(78)
-_S_P_PP = const(81)
-_S_P_VT = const(84)
-_S_P_PT = const(86)
-_S_P_TT = const(88)
-_S_DP_VV = const(90)
-_P_DT = const(3)
-_P_GAMMA = const(24)
-_P_GAMMA2 = const(25)
-_P_Q_VV_H = const(26)
-_P_Q_VV_U = const(27)
-_P_Q_TT = const(28)
+_S_P_VV = const(90)
+_S_P_PV = const(93)
+_S_P_PP = const(96)
+_S_P_VT = const(99)
+_S_P_PT = const(101)
+_S_P_TT = const(103)
+_S_DP_VV = const(105)
+_P_DT = const(41)
+_P_GAMMA = const(62)
+_P_GAMMA2 = const(63)
+_P_Q_VV_H = const(64)
+_P_Q_VV_U = const(65)
+_P_Q_TT = const(66)
 
 
 @micropython.viper

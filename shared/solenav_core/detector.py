@@ -11,35 +11,33 @@ from solenav_core.qmath import div, isqrt, mulshift
 _T_MAX = const(0x2000000)  # 131072 in Q8
 _NORM_MAX = const(8191)  # 64 m/s² in Q7: 31 squared deviations still fit one word
 
-_S_ACC_NORM = const(22)
-_S_STILL_TICKS = const(23)
-_S_RING_HEAD = const(24)
-_S_RING_FILL = const(25)
-_S_RING = const(26)
-_S_STILLEST = const(57)
-_S_GRAVITY = const(74)
-_P_ACC_SCALE = const(1)
-_P_ACC_MIN = const(11)
-_P_ACC_MAX = const(12)
-_P_RATE_MAX = const(13)
-_P_VAR_MAX = const(14)
-_P_WINDOW = const(15)
-_P_UNREST_RATE = const(16)
-_P_UNREST_ACC = const(17)
-_P_UNREST_GROWTH = const(18)
-_P_STILL_RATE = const(21)
-_W_RATE = const(3)
-_W_UNREST = const(6)
-_I_ACC = const(0)
+_S_ACC_NORM = const(37)
+_S_STILL_TICKS = const(38)
+_S_RING_HEAD = const(39)
+_S_RING_FILL = const(40)
+_S_RING = const(41)
+_S_STILLEST = const(72)
+_S_GRAVITY = const(89)
+_P_ACC_MIN = const(49)
+_P_ACC_MAX = const(50)
+_P_RATE_MAX = const(51)
+_P_VAR_MAX = const(52)
+_P_WINDOW = const(53)
+_P_UNREST_RATE = const(54)
+_P_UNREST_ACC = const(55)
+_P_UNREST_GROWTH = const(56)
+_P_STILL_RATE = const(59)
+_W_FORCE = const(3)
+_W_RATE = const(6)
+_W_UNREST = const(12)
 
 
 @micropython.viper
-def push(s: ptr32, p: ptr32, m: ptr32) -> int:
-    """|a| of the sample (Q7 m/s²) into the window."""
-    scale = p[_P_ACC_SCALE]
-    x = (m[_I_ACC] * scale + 16384) >> 15
-    y = (m[_I_ACC + 1] * scale + 16384) >> 15
-    z = (m[_I_ACC + 2] * scale + 16384) >> 15
+def push(s: ptr32, p: ptr32, w: ptr32) -> int:
+    """|a| of the sample (Q7 m/s², of work FORCE) into the window."""
+    x = (w[_W_FORCE] + 4096) >> 13
+    y = (w[_W_FORCE + 1] + 4096) >> 13
+    z = (w[_W_FORCE + 2] + 4096) >> 13
     norm = int(isqrt(x * x + y * y + z * z))
     s[_S_ACC_NORM] = norm
     if norm > _NORM_MAX:

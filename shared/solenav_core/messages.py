@@ -268,6 +268,7 @@ _ALIGN = _AT["ATT"], _AT["BIAS"], _AT["GRAVITY"], _AT["AL_BEST"]
 _POSE = (_AT["POS"], _AT["CELL"], _AT["VEL"], _AT["ATT"], _AT["THRESHOLD"], _AT["N_EFF"])
 _POSE2 = (_AT["M2"], _AT["ACC_NORM"], _AT["RESAMPLED"], _AT["STEPS"], _AT["DISTANCE"])
 _FLAGS = (_AT["STANCE"], _AT["MODE"], _AT["SWING_TICKS"], _AT["SATURATED"])
+_TRUST = _AT["GAPS"], _AT["RESUMED"]
 _FREEZE = NAMES.index("FREEZE_TICKS")
 _STEP = _AT["STEP_MOVE"], _AT["STEP_TURN"], _AT["HEADING_LAST"], _AT["STEP_VAR"], _AT["STEP_TICKS"]
 
@@ -294,6 +295,11 @@ def pack_pose(buf, at, s, params):
         flags |= FROZEN
     if s[saturated]:
         flags |= SATURATED
+    gaps, resumed = _TRUST
+    if s[gaps]:
+        flags |= GAP
+    if s[resumed]:
+        flags |= RESUMED
     # fmt: off
     pack_into(
         FORMATS[POSE], buf, at, s[p], s[p + 1], s[p + 2],

@@ -9,14 +9,16 @@ from array import array
 from binascii import crc32
 
 from solenav_core.align import align
+from solenav_core.calibration import condition
 from solenav_core.compat import const, micropython, ptr32
 from solenav_core.covariance import grow
 from solenav_core.detector import detect, push
-from solenav_core.layout import SAMPLE_FIELDS, STATE_FIELDS, WORK_FIELDS, size
+from solenav_core.heading import steer
+from solenav_core.layout import SAMPLE_FIELDS, STATE_FIELDS, WORK_FIELDS, offsets, size
 from solenav_core.particles import stir, update
 from solenav_core.qmath import clamp
 from solenav_core.steps import stood, swung
-from solenav_core.strapdown import correct_rate, propagate, recentre
+from solenav_core.strapdown import propagate, recentre
 
 # What `tick` returns: bits.
 ALIGNED = 1  # a static start was taken on this tick; a better one may follow
@@ -24,28 +26,38 @@ STANCE = 2
 STEP = 4  # a step's figures are settled
 RESAMPLED = 8
 LOCKED_OUT = 16  # H1: zero velocity accepted after the filter had been locked out
+BROKEN = 32  # more samples were lost before this one than can be bridged
+STEERED = 64  # the magnetometer corrected the heading
 
 _TOP = const(0x3FFFFFFF)
+_MAG_NEW = const(8)  # messages.MAG_NEW
 
 _S_TICK = const(0)
 _S_MODE = const(1)
-_S_AL_DONE = const(4)
-_S_STANCE = const(21)
-_S_STILL_TICKS = const(23)
-_S_BIAS = const(71)
-_S_SWING_TICKS = const(93)
-_S_OBSERVED = const(96)
-_S_SINCE_CONSISTENT = const(98)
-_S_POS_LAST = const(507)
-_S_POS_REF = const(510)
-_P_BIAS_MAX = const(10)
-_P_STILL_TICKS = const(22)
-_P_STILL_GAIN = const(23)
-_P_FREEZE_TICKS = const(29)
-_P_STEP_SWING = const(44)
-_P_UNREST_MAX = const(19)
-_W_RATE = const(3)
-_W_UNREST = const(6)
+_S_LAST = const(3)
+_S_GAPS = const(9)
+_S_AL_DONE = const(12)
+_S_STANCE = const(36)
+_S_STILL_TICKS = const(38)
+_S_BIAS = const(86)
+_S_SWING_TICKS = const(108)
+_S_OBSERVED = const(111)
+_S_SINCE_CONSISTENT = const(113)
+_S_POS_LAST = const(522)
+_S_POS_REF = const(525)
+_P_BIAS_MAX = const(48)
+_P_STILL_TICKS = const(60)
+_P_STILL_GAIN = const(61)
+_P_FREEZE_TICKS = const(67)
+_P_STEP_SWING = const(93)
+_P_UNREST_MAX = const(57)
+_P_UNREST_SURE = const(58)
+_P_BRIDGE_TICKS = const(82)
+_P_MAG_GAIN = const(86)
+_W_FORCE = const(3)
+_W_RATE = const(6)
+_I_FLAGS = const(9)
+_W_UNREST = const(12)
 
 
 def new_state():
@@ -69,6 +81,55 @@ def reset(state):
         state[i] = 0
 
 
+_AT = offsets(STATE_FIELDS)
+_WORDS = {name: words for name, words, _stage, _format in STATE_FIELDS}
+# What outlives a restart of the board, and so is worth saving.
+_KEPT = ("TICK", "MOUNT", "ATT", "POS", "CELL", "BIAS", "GRAVITY", "RNG", "STEPS", "DISTANCE")
+_KEPT += ("HEADING_LAST", "RESUMED", "MAG_NORM", "MAG_UP", "MAG_AZ")
+SAVED = sum([_WORDS[name] for name in _KEPT])
+_FRESH = ("MODE", "AL_COUNT", "AL_DONE", "AL_BEST", "RING_HEAD", "RING_FILL", "STILL_TICKS")
+_FRESH += ("STANCE", "OBSERVED")
+
+
+def resume(state):
+    """Go on with the same position, heading and biases after a hole that can't be bridged.
+
+    The next stance levels the foot; until then nothing moves. Without a static start so far
+    there is nothing to keep, and the search for one starts anew. The tick goes on by one more
+    than the samples do, so that whoever counts them sees the hole.
+    """
+    state[_AT["TICK"]] += 1
+    for name in _FRESH:
+        state[_AT[name]] = 0
+    if state[_AT["GRAVITY"]] and state[_AT["RESUMED"]] < _TOP:
+        state[_AT["RESUMED"]] += 1
+
+
+def save(state, words):
+    """What `load` needs into `words`, `array('i')` of SAVED. False before the first start."""
+    at = 0
+    for name in _KEPT:
+        for i in range(_WORDS[name]):
+            words[at] = state[_AT[name] + i]
+            at += 1
+    return state[_AT["GRAVITY"]] != 0
+
+
+def load(state, words, ticks):
+    """Resume from what `save` wrote, at most `ticks` ago; `state` is overwritten."""
+    reset(state)
+    at = 0
+    for name in _KEPT:
+        for i in range(_WORDS[name]):
+            state[_AT[name] + i] = words[at]
+            at += 1
+    state[_AT["TICK"]] += ticks
+    for i in range(3):
+        for name in ("POS_LAST", "POS_REF", "POS_STEP"):
+            state[_AT[name] + i] = state[_AT["POS"] + i]
+    resume(state)
+
+
 def digest(state):
     """CRC-32 of the state's bytes (little-endian words)."""
     return crc32(state)
@@ -89,6 +150,33 @@ def rest(s: ptr32, p: ptr32, w: ptr32) -> int:
 
 
 @micropython.viper
+def bridge(s: ptr32, p: ptr32, w: ptr32, m: ptr32, lost: int) -> int:
+    """Move over samples that were lost before this one, on the mean of it and the last one.
+
+    The event BROKEN where they are too many for the pose to be trusted from then on; four times
+    as many can't be told at all, and are passed over.
+    """
+    broken = 0
+    if lost > p[_P_BRIDGE_TICKS]:
+        broken = 32
+        if s[_S_GAPS] < _TOP:
+            s[_S_GAPS] = s[_S_GAPS] + 1
+        if lost > p[_P_BRIDGE_TICKS] << 2:
+            return broken
+    i = 0
+    while i < 6:
+        w[_W_FORCE + i] = (w[_W_FORCE + i] + s[_S_LAST + i]) >> 1
+        i = i + 1
+    while lost > 0:
+        int(propagate(s, p, w))
+        if s[_S_SWING_TICKS] <= p[_P_FREEZE_TICKS]:
+            int(grow(s, p))
+        lost = lost - 1
+    int(condition(s, p, w, m))
+    return broken
+
+
+@micropython.viper
 def tick(s: ptr32, p: ptr32, w: ptr32, t: ptr32, m: ptr32) -> int:
     """One sample `m` into the state `s`; returns the event bits above.
 
@@ -96,17 +184,27 @@ def tick(s: ptr32, p: ptr32, w: ptr32, t: ptr32, m: ptr32) -> int:
     """
     if (s[_S_TICK] >> 24) < 127:  # 123 days at 200 Hz; then it stops, short of the word
         s[_S_TICK] = s[_S_TICK] + 1
-    int(push(s, p, m))
+    int(condition(s, p, w, m))
+    int(push(s, p, w))
     events = 0
     if s[_S_AL_DONE] == 0:
-        start = int(align(s, p, w, m))
+        start = int(align(s, p, w, t, m))
         if start:
             events = 1
         if start == 1 or s[_S_MODE] == 0:
             return events
+        if start:
+            # The start has changed what this sample means, and has used the work area.
+            int(condition(s, p, w, m))
     int(stir(s))
-    int(correct_rate(s, w, m))
-    int(propagate(s, p, w, m))
+    lost = (m[_I_FLAGS] >> 8) & 127
+    if lost > 0:
+        events = events | int(bridge(s, p, w, m, lost))
+    i = 0
+    while i < 6:
+        s[_S_LAST + i] = w[_W_FORCE + i]
+        i = i + 1
+    int(propagate(s, p, w))
     if s[_S_SWING_TICKS] <= p[_P_FREEZE_TICKS]:
         int(grow(s, p))
     if s[_S_SINCE_CONSISTENT] < _TOP:
@@ -129,6 +227,9 @@ def tick(s: ptr32, p: ptr32, w: ptr32, t: ptr32, m: ptr32) -> int:
             s[_S_POS_REF + i] = s[_S_POS_LAST + i]
             i = i + 1
     int(rest(s, p, w))
+    if m[_I_FLAGS] & _MAG_NEW:
+        if p[_P_MAG_GAIN] and w[_W_UNREST] <= p[_P_UNREST_SURE]:
+            events = events | int(steer(s, p, w, t, m)) << 6
     if w[_W_UNREST] > p[_P_UNREST_MAX]:
         s[_S_OBSERVED] = 0
     else:

@@ -11,7 +11,18 @@ the first that fails is the one to blame.
 from array import array
 from binascii import crc32
 
-from solenav_core import align, covariance, detector, navigator, particles, qmath, steps, strapdown
+from solenav_core import (
+    align,
+    calibration,
+    covariance,
+    detector,
+    heading,
+    navigator,
+    particles,
+    qmath,
+    steps,
+    strapdown,
+)
 from solenav_core.layout import STATE_FIELDS, WORK_FIELDS, offsets
 from solenav_core.params import NAMES
 from solenav_core.tables.defaults import PARAMS
@@ -21,6 +32,7 @@ _AT = offsets(STATE_FIELDS)
 _RATE = offsets(WORK_FIELDS)["RATE"]
 _WORK = offsets(WORK_FIELDS)
 _ROUNDS = 6
+_MAG_NEW = 8
 _TOP = 0x3FFFFFFF  # where counters stop
 _COUNTERS = (
     "STILL_TICKS",
@@ -65,8 +77,18 @@ class _Bench:
         self.crc = crc32(self.w, crc32(self.s, self.crc))
 
     def sample(self, bits):
+        """A foot at rest or moving; magnetometer and flags as if nothing had come."""
         for i in range(6):
             self.m[i] = _FLAT[i] + self.number(bits)
+        for i in range(6, 10):
+            self.m[i] = 0
+
+    def field(self, x, y, z):
+        """A new reading of the magnetometer with the sample."""
+        self.m[6] = x + self.number(3)
+        self.m[7] = y + self.number(3)
+        self.m[8] = z + self.number(3)
+        self.m[9] = _MAG_NEW
 
 
 def _mulshift(b):
@@ -126,8 +148,8 @@ def _to_nav(b):
 def _propagate(b):
     for _ in range(_ROUNDS):
         b.sample(14)
-        b.result(strapdown.correct_rate(b.s, b.w, b.m))
-        b.result(strapdown.propagate(b.s, b.p, b.w, b.m))
+        b.result(calibration.condition(b.s, b.p, b.w, b.m))
+        b.result(strapdown.propagate(b.s, b.p, b.w))
         b.arrays()
 
 
@@ -146,20 +168,21 @@ def _full_speed(b):
     """Velocity at its limit."""
     for i in range(3):
         b.s[_AT["VEL"] + i] = (1 - 2 * (i & 1)) * 0x63FFFFFF
-        b.m[i] = (1 - 2 * (i & 1)) * 30000
+        b.w[_WORK["FORCE"] + i] = (1 - 2 * (i & 1)) * 150_630_000
     b.s[_AT["ATT"]] = 0x3FFFFFFF
     for i in range(1, 4):
         b.s[_AT["ATT"] + i] = 0
     for count in (0, _TOP):
         b.s[_AT["SATURATED"]] = count
-        b.result(strapdown.propagate(b.s, b.p, b.w, b.m))
+        b.result(strapdown.propagate(b.s, b.p, b.w))
         b.arrays()
 
 
 def _push(b):
     for _ in range(14):
         b.sample(15)
-        b.result(detector.push(b.s, b.p, b.m))
+        calibration.condition(b.s, b.p, b.w, b.m)
+        b.result(detector.push(b.s, b.p, b.w))
     b.result(detector.spread(b.s))
     b.arrays()
 
@@ -184,8 +207,8 @@ def _unrest(b):
     for bits in (2, 2, 14, 15, 6, 6, 4, 9):
         for least in (0, 4096, 70_000):
             b.sample(bits)
-            detector.push(b.s, b.p, b.m)
-            strapdown.correct_rate(b.s, b.w, b.m)
+            calibration.condition(b.s, b.p, b.w, b.m)
+            detector.push(b.s, b.p, b.w)
             b.s[_AT["STILLEST"]] = least
             b.result(detector.unrest(b.s, b.p, b.w))
             b.arrays()
@@ -195,8 +218,8 @@ def _detect(b):
     for bits in (2, 2, 2, 14, 2):
         for _ in range(6):
             b.sample(bits)
-            detector.push(b.s, b.p, b.m)
-            strapdown.correct_rate(b.s, b.w, b.m)
+            calibration.condition(b.s, b.p, b.w, b.m)
+            detector.push(b.s, b.p, b.w)
             b.result(detector.detect(b.s, b.p, b.w))
     b.arrays()
 
@@ -232,9 +255,9 @@ def _align(b):
         for _ in range(7):
             b.sample(3)
             b.m[turn] = b.m[turn] + 900
-            b.result(align.align(b.s, params, b.w, b.m))
+            b.result(align.align(b.s, params, b.w, b.t, b.m))
         b.sample(12)
-        b.result(align.align(b.s, params, b.w, b.m))
+        b.result(align.align(b.s, params, b.w, b.t, b.m))
         b.arrays()
     for x, y, z in _MOUNTINGS:
         navigator.reset(b.s)
@@ -246,14 +269,75 @@ def _align(b):
             b.m[0] = x
             b.m[1] = y
             b.m[2] = z
-            b.result(align.align(b.s, params, b.w, b.m))
+            b.result(align.align(b.s, params, b.w, b.t, b.m))
         b.arrays()
     for rate in (-900, -800, 800, 900):
         navigator.reset(b.s)
         for _ in range(13):
             b.sample(1)
             b.m[4] = rate
-            b.result(align.align(b.s, params, b.w, b.m))
+            b.result(align.align(b.s, params, b.w, b.t, b.m))
+        b.arrays()
+
+
+def _condition(b):
+    """Every entry of the matrices, every bias, every mounting."""
+    params = _params(b)
+    for i in range(36):
+        at = NAMES.index("ACC_XX") + i
+        params[at] = params[at] + b.number((10, 21, 9, 27, 12, 14)[i // 12 * 2 + i % 12 // 9])
+    for right, front, up in ((0, 0, 0), (2, 3, 1), (-1, 2, -3), (3, -1, -2), (-2, -3, 1)):
+        for i in range(3):
+            params[NAMES.index("MOUNT_R") + i] = (right, front, up)[i]
+            b.s[_AT["MOUNT"] + i] = 0
+        b.result(calibration.orient(b.s, params, b.w))
+        b.sample(14)
+        b.result(calibration.condition(b.s, params, b.w, b.m))
+        b.result(calibration.magnetic(b.s, params, b.w, b.number(16), b.number(16), b.number(16)))
+        b.arrays()
+    for x, y, z in _MOUNTINGS + ((-8, 100, 101), (100, -134, -99), (-134, 2, 100), (133, 1, -100)):
+        b.w[_WORK["FORCE"]] = x * 5000
+        b.w[_WORK["FORCE"] + 1] = y * 5000
+        b.w[_WORK["FORCE"] + 2] = z * 5000
+        b.result(calibration.orient(b.s, b.p, b.w))
+        b.arrays()
+
+
+def _heading(b):
+    """References weak, strong and sound; readings of the same field, and of steel."""
+    params = _params(b, MAG_GAIN=500, MAG_BIAS_GAIN=3000, MAG_ALIGN=1, DECLINATION=-700)
+    for x, y, z in ((9, -12, 9), (60, -30, -140), (-80, 20, -120), (300, -300, 300), (1, 70, -150)):
+        _stand(b)
+        b.result(calibration.magnetic(b.s, params, b.w, x << 4, y << 4, z << 4))
+        params[NAMES.index("MAG_ALIGN")] ^= 1
+        b.result(heading.refer(b.s, params, b.w, b.t))
+        b.arrays()
+        for turn in (0, 20, -60, 3):
+            b.field(x + turn, y - turn, z)
+            b.result(heading.steer(b.s, params, b.w, b.t, b.m))
+        b.s[_AT["MAG_USED"]] = b.s[_AT["MAG_REFUSED"]] = _TOP
+        for up in (0, 90):
+            b.field(x, y, z + up)
+            b.result(heading.steer(b.s, params, b.w, b.t, b.m))
+        b.arrays()
+
+
+def _settle(b):
+    """Stances after a hole: turned over, too fast, good; a sample that moves in between."""
+    params = _params(b, RESUME_TICKS=4)
+    for x, y, z in _MOUNTINGS:
+        _stand(b)
+        for name in ("POS", "VEL", "HEADING_LAST", "X", "P_VT"):
+            b.s[_AT[name]] = b.number(29)
+        navigator.resume(b.s)
+        for i in range(14):
+            b.sample((3, 13)[int(i == 2)])
+            b.m[0] = b.m[0] + x
+            b.m[1] = b.m[1] + y
+            b.m[2] = z
+            if 2 < i < 7:
+                b.m[4] = b.m[4] + 700
+            b.result(align.align(b.s, params, b.w, b.t, b.m))
         b.arrays()
 
 
@@ -407,11 +491,23 @@ def _tick(b):
     """A short run of the whole: static start, two steps; then months later, with counters full."""
     navigator.reset(b.s)
     params = _params(
-        b, ALIGN_TICKS=10, ALIGN_MIN=10, STILL_TICKS=3, STEP_SWING=4, STEP_STANCE=3, WINDOW=4
+        b,
+        ALIGN_TICKS=10,
+        ALIGN_MIN=10,
+        STILL_TICKS=3,
+        STEP_SWING=4,
+        STEP_STANCE=3,
+        WINDOW=4,
+        MAG_GAIN=100,
     )
     for i in range(9):
-        for _ in range((20, 6, 9, 6, 9, 6, 9, 6, 9)[i]):
+        for j in range((20, 6, 9, 6, 9, 6, 9, 6, 9)[i]):
             b.sample((2, 14)[i & 1])
+            if j & 1:
+                b.field(5, 80, -120)
+            if j == 3:
+                # Holes that can be bridged, and in the end one that can't.
+                b.m[9] = b.m[9] | (0, 0, 1, 2, 3, 0, 0, 20, 21)[i] << 8
             b.result(navigator.tick(b.s, params, b.w, b.t, b.m))
         b.arrays()
         if i == 4:
@@ -442,6 +538,8 @@ def _stand(b):
     b.s[_AT["MODE"]] = 1
     b.s[_AT["ATT"]] = 0x3FFFFFFF
     b.s[_AT["GRAVITY"]] = 10283000
+    for i in range(3):
+        b.s[_AT["MOUNT"] + i] = i + 1
     b.s[_AT["RNG"] + 1] = 1
     for i in range(3):
         b.s[_AT["P_VV"] + i] = 0x10000 << i
@@ -461,6 +559,8 @@ TESTS = (
     ("azimuth", _azimuth),
     ("turn", _turn),
     ("to_nav", _to_nav),
+    ("condition", _condition),
+    ("steer", _heading),
     ("propagate", _propagate),
     ("recentre", _recentre),
     ("full speed", _full_speed),
@@ -473,6 +573,7 @@ TESTS = (
     ("head", _head),
     ("level", _level),
     ("align", _align),
+    ("settle", _settle),
     ("roots", _roots),
     ("ratio", _ratio),
     ("feed_back", _feed_back),

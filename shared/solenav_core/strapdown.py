@@ -18,21 +18,18 @@ _CELL = const(0x20000000)  # half a cell, 2048 m in Q18
 _FAR = const(0x3FFFFFFF)  # farthest that an anchor may lie from the cell's middle, Q18 m
 
 _S_SATURATED = const(2)
-_S_ATT = const(58)
-_S_VEL = const(62)
-_S_POS = const(65)
-_S_CELL = const(68)
-_S_BIAS = const(71)
-_S_GRAVITY = const(74)
-_S_POS_LAST = const(507)
-_S_POS_STEP = const(513)
-_P_ACC_SCALE = const(1)
-_P_HALF_ANGLE = const(2)
-_P_DT = const(3)
+_S_ATT = const(73)
+_S_VEL = const(77)
+_S_POS = const(80)
+_S_CELL = const(83)
+_S_GRAVITY = const(89)
+_S_POS_LAST = const(522)
+_S_POS_STEP = const(528)
+_P_HALF_ANGLE = const(40)
+_P_DT = const(41)
 _W_NAV = const(0)
-_W_RATE = const(3)
-_I_ACC = const(0)
-_I_GYRO = const(3)
+_W_FORCE = const(3)
+_W_RATE = const(6)
 
 
 @micropython.viper
@@ -239,22 +236,11 @@ def to_nav(s: ptr32, w: ptr32, x: int, y: int, z: int) -> int:
 
 
 @micropython.viper
-def correct_rate(s: ptr32, w: ptr32, m: ptr32) -> int:
-    """Raw gyro counts less the bias, Q8, into work RATE."""
-    i = 0
-    while i < 3:
-        w[_W_RATE + i] = (m[_I_GYRO + i] << 8) - ((s[_S_BIAS + i] + 2048) >> 12)
-        i = i + 1
-    return 0
-
-
-@micropython.viper
-def propagate(s: ptr32, p: ptr32, w: ptr32, m: ptr32) -> int:
-    """Attitude, velocity and position over one sample period."""
-    scale = p[_P_ACC_SCALE]
-    ax = (m[_I_ACC] * scale + 2) >> 2
-    ay = (m[_I_ACC + 1] * scale + 2) >> 2
-    az = (m[_I_ACC + 2] * scale + 2) >> 2
+def propagate(s: ptr32, p: ptr32, w: ptr32) -> int:
+    """Attitude, velocity and position over one sample period, from work FORCE and RATE."""
+    ax = w[_W_FORCE]
+    ay = w[_W_FORCE + 1]
+    az = w[_W_FORCE + 2]
     scale = p[_P_HALF_ANGLE]
     scalel = scale & 32767
     scale = scale >> 15

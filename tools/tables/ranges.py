@@ -48,6 +48,10 @@ def measured() -> dict[str, list[Reached]]:
     for rate, case in runs:
         params = parameters.to_integers(parameters.Settings(), rate)
         recorder.run(f"{case.name}, {rate} Hz", case.counts, params, case.prepare)
+    for mounted in (False, True):
+        params = torture.steering(parameters.to_integers(parameters.Settings(), 200.0), mounted)
+        for case in torture.fields():
+            recorder.run(case.name, case.counts, params, case.prepare)
     return recorder.reached()
 
 

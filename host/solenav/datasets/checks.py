@@ -26,6 +26,8 @@ AXES = ("accel x", "accel y", "accel z", "gyro x", "gyro y", "gyro z")
 ACCEL_MEDIAN_MPS2 = (5.0, 30.0)
 # Three times what any foot does, and what a slow walk in °/s passes.
 GYRO_PEAK_RADPS = 100.0
+# Indoors the field is a third to three times the Earth's 25 to 65 µT; gauss and mT are far off.
+MAG_MEDIAN_UT = (8.0, 200.0)
 # Half a swing: what was lost over a longer time, no filter can bridge.
 GAP_LIMIT_S = 0.1
 
@@ -84,6 +86,11 @@ def find_columns(path: Path, names: Sequence[str], wanted: Sequence[str]) -> lis
     if missing:
         raise SolenavError(f"{path} has no column {', '.join(missing)}", CHOOSE_FORMAT)
     return [names.index(name) for name in wanted]
+
+
+def present(names: Sequence[str], optional: Sequence[str]) -> list[str]:
+    """The `optional` columns if the file has them all, else none."""
+    return list(optional) if set(optional) <= set(names) else []
 
 
 def to_numbers(
@@ -192,10 +199,16 @@ def make_recording(
     gyro: FloatArray,
     place: Place,
     truth: Truth | None = None,
+    mag: FloatArray | None = None,
     **notes: Any,
 ) -> Recording:
-    """Checked recording, its time counted from the first sample. Units as in `check_samples`."""
+    """Checked recording, its time counted from the first sample. Units as in `check_samples`.
+
+    `mag` (n, 3) in µT; (n, 0) counts as none. What is NaN in one axis becomes so in all.
+    """
     check_samples(time_s, accel, gyro, place)
+    if mag is not None:
+        mag = _checked_mag(mag, place)
     return Recording(
         name=path.stem,
         time_s=time_s - time_s[0],
@@ -205,6 +218,7 @@ def make_recording(
         truth=truth,
         source=f"{format} {path.name}",
         notes=notes,
+        mag=mag,
     )
 
 
@@ -231,6 +245,25 @@ def _check_units(accel: FloatArray, gyro: FloatArray, place: Place) -> None:
             "more than a foot's; perhaps the file is in °/s",
             CHOOSE_FORMAT,
         )
+
+
+def _checked_mag(mag: FloatArray, place: Place) -> FloatArray | None:
+    """Whole readings of a magnetometer in µT, or None where it never gave one."""
+    infinite = np.flatnonzero(np.isinf(mag).any(axis=1))
+    if infinite.size:
+        raise SolenavError(f"{place(int(infinite[0]))}: the magnetic field is infinite", MEND_FILE)
+    known = np.asarray(np.isfinite(mag).all(axis=1))
+    if not mag.shape[1] or not known.any():
+        return None
+    low, high = MAG_MEDIAN_UT
+    median = float(np.median(np.linalg.norm(mag[known], axis=1)))
+    if not low <= median <= high:
+        raise SolenavError(
+            f"{place(0)} and on: the median magnetic field is {median:.4g} µT, but the Earth's is "
+            "25 to 65; perhaps the file is in another unit",
+            CHOOSE_FORMAT,
+        )
+    return np.where(known[:, np.newaxis], mag, np.nan)
 
 
 def _check_gaps(time_s: FloatArray, place: Place) -> None:

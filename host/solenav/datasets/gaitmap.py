@@ -1,7 +1,14 @@
 """gaitmap: a sensor on each foot, 204.8 Hz, with motion capture at 100 Hz for one walk.
 
 `imu_sample*.csv`, m/s² and °/s, both feet; `mocap_sample*.csv` beside it, markers in mm.
-Source: example data of FAU's gaitmap (MaD Lab), MIT licence.
+`aligned_data_with_mag_l_walks.csv`, 400 Hz, one foot, with a magnetometer in a unit that it
+doesn't give. Source: example data of FAU's gaitmap (MaD Lab), MIT licence.
+
+Over the L walks, indoors, the field's median is 1.02 of that unit: so it is the Earth's field,
+as sensors that are normalised in a known field have it, and 1 stands for 49 µT, the field in
+Central Europe. (Gauss would make it twice the Earth's for a whole walk.) Where the foot stands
+first it is 0.82, along the walk 0.5 to 1.6: steel. The axes are the accelerometer's
+(docs/heading.md).
 """
 
 from __future__ import annotations
@@ -19,12 +26,20 @@ CHANNELS = [f"{kind}_{axis}" for kind in ("acc", "gyr") for axis in "xyz"]
 # Toe, heel, fifth metatarsal: their mean follows the sensor better than the heel alone.
 MARKERS = ("TOE", "FCC", "FM5")
 
+SINGLE_RATE_HZ = 400.0
+MAG_CHANNELS = [f"mag_{axis}" for axis in "xyz"]
+MAG_UNIT_UT = 49.0
+MAG_NOTE = f"unit not given; 1 taken as the Earth's field in Central Europe, {MAG_UNIT_UT:g} µT"
+
 
 def read(path: Path, *, foot: str = "right") -> Recording:
     """Recording of the "left" or "right" `foot`, with its mocap as truth if that is beside it.
 
-    Raises SolenavError for a faulty file.
+    A file of a single sensor is that of either foot. Raises SolenavError for a faulty file.
     """
+    names, _ = checks.read_csv(path)
+    if set(CHANNELS) <= set(names):
+        return _read_single(path)
     place = checks.line_place(path, 2)
     table = _read_table(path, [f"{foot}_sensor {channel}" for channel in CHANNELS], place)
     recording = checks.make_recording(
@@ -38,6 +53,26 @@ def read(path: Path, *, foot: str = "right") -> Recording:
         foot=foot,
     )
     recording.name += f"_{foot}"
+    return recording
+
+
+def _read_single(path: Path) -> Recording:
+    names, rows = checks.read_csv(path)
+    optional = checks.present(names, MAG_CHANNELS)
+    place = checks.line_place(path, 1)
+    columns = [0, *checks.find_columns(path, names, [*CHANNELS, *optional])]
+    table = checks.to_numbers(rows, len(names), columns, place)
+    recording = checks.make_recording(
+        path,
+        "gaitmap",
+        table[:, 0] / SINGLE_RATE_HZ,
+        table[:, 1:4],
+        np.deg2rad(table[:, 4:7]),
+        place,
+        mag=table[:, 7:] * MAG_UNIT_UT,
+    )
+    if recording.mag is not None:
+        recording.notes["magnetometer"] = MAG_NOTE
     return recording
 
 

@@ -1,6 +1,9 @@
 """LLIO: LORD 3DM-GX5-25 on a foot, 200 Hz, with surveyed ground control points (GCP).
 
-`SensorConnectData_NN_LLIO.mat` holds SI units; the sensor's own csv export holds g and rad/s.
+`SensorConnectData_NN_LLIO.mat` holds SI units; the sensor's own csv export (`SC_NN.csv`) holds g
+and rad/s, and the magnetometer in gauss, a reading at every sample. Its axes are the
+accelerometer's (docs/heading.md), but it lags the gyro by some 25 ms. The export has no deltas;
+its roll, pitch and yaw are the sensor's own filter, and not read.
 Source: the LLIO foot recordings published by Tā-Hā (2024), MIT licence.
 """
 
@@ -11,10 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from solenav.datasets import checks
-from solenav.mpu9150 import STANDARD_GRAVITY
+from solenav.mpu9150 import STANDARD_GRAVITY, UT_PER_GAUSS
 from solenav.recording import Recording, Truth
 
 EXPORT_COLUMNS = ["Time", *(f"scaled{kind}{axis}" for kind in ("Accel", "Gyro") for axis in "XYZ")]
+MAG_COLUMNS = [f"scaledMag{axis}" for axis in "XYZ"]
 GCP_COLUMNS = ["timestamp", "gcpX", "gcpY"]
 AXES_NOTE = "sensor z points down"
 
@@ -62,7 +66,8 @@ def _read_export(path: Path) -> Recording:
     names, rows = checks.read_csv(path)
     # SensorConnect puts the node's address before each channel: "inertial-6253.76535:scaledAccelX".
     channels = [name.rpartition(":")[2] for name in names]
-    wanted = checks.find_columns(path, channels, EXPORT_COLUMNS)
+    optional = checks.present(channels, MAG_COLUMNS)
+    wanted = checks.find_columns(path, channels, [*EXPORT_COLUMNS, *optional])
     place = checks.line_place(path, 1)
     table = checks.to_numbers(rows, len(names), wanted, place)
     return checks.make_recording(
@@ -70,7 +75,8 @@ def _read_export(path: Path) -> Recording:
         "llio",
         table[:, 0],
         table[:, 1:4] * STANDARD_GRAVITY,
-        table[:, 4:],
+        table[:, 4:7],
         place,
+        mag=table[:, 7:] * UT_PER_GAUSS,
         axes=AXES_NOTE,
     )

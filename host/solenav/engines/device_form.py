@@ -18,7 +18,8 @@ from solenav.engines.source import MODULES, constants, core_path, is_viper
 
 INLINE = {
     "qmath": ("mulshift", "mulsat", "clamp", "isqrt", "div"),
-    "strapdown": ("correct_rate", "recentre"),
+    "calibration": ("mounted",),
+    "heading": ("strength", "error", "apart"),
     "detector": ("push", "unrest"),
     "particles": (
         "row",

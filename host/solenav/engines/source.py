@@ -18,6 +18,8 @@ import solenav_core
 MODULES = (
     "qmath",
     "strapdown",
+    "calibration",
+    "heading",
     "align",
     "detector",
     "covariance",

@@ -31,7 +31,7 @@ _ROW = _IMPOSED + 1
 _STARTED = _IMPOSED + 2
 _START = _IMPOSED + 3
 _START_WORDS = [_S["ATT"] + i for i in range(4)] + [_S["BIAS"] + i for i in range(3)]
-_START_WORDS.append(_S["GRAVITY"])
+_START_WORDS += [_S["GRAVITY"]] + [_S["MOUNT"] + i for i in range(3)]
 
 # The fields of the state that a trace keeps of each tick, and their words.
 _FIELDS = (
@@ -58,8 +58,8 @@ def detect(s, p, w):
     return own if w[{_IMPOSED}] < 0 else w[{_IMPOSED}]
 
 @njit(cache=True)
-def align(s, p, w, m):
-    start = aligned(s, p, w, m)
+def align(s, p, w, t, m):
+    start = aligned(s, p, w, t, m)
     if start:
         # A start that this sample's motion ended was complete the sample before.
         w[{_STARTED}] = w[{_ROW}] + 1 - start
@@ -86,13 +86,15 @@ def trace(s, p, w, t, m, counts, imposed, columns, out, events):
 class Start:
     """The static start in use: complete with the sample of `row`; -1 where there was none.
 
-    `attitude` (4,) body to ENU, scalar first; `gyro_bias` (3,) rad/s; `gravity` m/s².
+    `attitude` (4,) body to ENU, scalar first; `gyro_bias` (3,) rad/s; `gravity` m/s²; `mount`
+    (3,) the sensor axes that are the body's right, front, up, as in the state.
     """
 
     row: int
     attitude: FloatArray
     gyro_bias: FloatArray
     gravity: float
+    mount: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -177,6 +179,7 @@ def trace(
             attitude=kept[:4] / 2**30,
             gyro_bias=kept[4:7] * bias_unit,
             gravity=float(kept[7]) / 2**20,
+            mount=tuple(kept[8:11].tolist()),
         ),
         attitude=words["ATT"] / 2**30,
         velocity=words["VEL"] / 2**24,

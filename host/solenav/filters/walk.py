@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solenav import importing, mpu9150
+from solenav import importing, mpu9150, parameters
 from solenav.capture.contents import Capture
 from solenav.engines.traced import Start, trace
 from solenav.errors import SolenavError
@@ -48,7 +48,7 @@ class Walk:
     """A recording as filters see it: every filter gets the same samples, start and stances.
 
     `counts` (n, 6) are the sensor's, `params` the core's parameters; `accel` (n, 3) specific
-    force in m/s² and `gyro` (n, 3) rate in rad/s are those counts in SI units, body axes.
+    force in m/s² and `gyro` (n, 3) rate in rad/s are those counts calibrated, in body axes.
     `stance` (n,) are the decisions to go by, from the core's detector unless spoilt. `start` is
     the core's static start: navigation begins with the row after `start.row`, at rest in the
     origin. `clean` (n,) are the detector's own decisions, which errors in stance are taken over.
@@ -118,7 +118,7 @@ def walk_of(
         raise SolenavError(
             f"{name}: no static start in the recording", "let the foot stand still at the start"
         )
-    accel, gyro = mpu9150.from_counts(counts)
+    accel, gyro = parameters.body_samples(counts, params, own.start.mount)
     rate_hz = params[0] / 1000.0
     stance, distance_m = own.stance, float(own.distance[-1])
     return Walk(

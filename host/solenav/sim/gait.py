@@ -306,6 +306,16 @@ def line35(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
     return walk(path, SLOW, rng, 30.0, TABLE_DURATION_S if duration_s is None else duration_s)
 
 
+LAPS = 5
+
+
+def laps(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
+    """Five times around the rectangle of `loop` (343 m in six minutes), without a rest."""
+    once = rounded_rectangle(24.0, 12.0, 2.0, yaw=math.radians(-40))
+    path = Path(once.yaw, LAPS * once.pieces)
+    return walk(path, BRISK, rng, 15.0, 330.0 if duration_s is None else duration_s)
+
+
 def loop(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
     """Once around a rectangle of 24 m by 12 m with rounded corners (68.6 m), back to the start."""
     path = rounded_rectangle(24.0, 12.0, 2.0, yaw=math.radians(-40))
@@ -331,5 +341,6 @@ def check_duration(duration_s: float, shortest_s: float) -> None:
 SCENARIOS: dict[str, Callable[[np.random.Generator, float | None], Gait]] = {
     "line35": line35,
     "loop": loop,
+    "laps": laps,
     "stand": stand,
 }

@@ -20,11 +20,16 @@ GRAVITY = 9.80665
 
 @dataclass(frozen=True)
 class SensorErrors:
-    """Errors of accelerometer and gyro; every axis draws its own, independently.
+    """Errors of accelerometer, gyro and magnetometer; every axis draws its own, independently.
 
     `*_bias` (m/s², rad/s) and `*_scale` (relative) are standard deviations of a constant over
     the recording. `*_noise` (m/s²/√Hz, rad/s/√Hz) are one-sided noise densities as in data
     sheets. `*_walk` (m/s²/√s, rad/s/√s) let the bias wander, which stands for its instability.
+
+    Of the magnetometer, `hard_iron` (µT) is the standard deviation of a constant in the sensor's
+    axes, `soft_iron` that of each element by which the matrix on the field differs from the
+    identity (symmetric: iron that the field magnetises has no twist), `mag_noise` (µT) that of
+    each reading.
     """
 
     accel_bias: float = 0.0
@@ -35,6 +40,9 @@ class SensorErrors:
     gyro_walk: float = 0.0
     accel_scale: float = 0.0
     gyro_scale: float = 0.0
+    hard_iron: float = 0.0
+    soft_iron: float = 0.0
+    mag_noise: float = 0.0
 
 
 IDEAL = SensorErrors()
@@ -44,8 +52,14 @@ TABLE1 = SensorErrors(
     gyro_bias=math.radians(0.05),
     accel_noise=400e-6 * GRAVITY,
     gyro_noise=math.radians(0.005),
+    hard_iron=1.0,
+    soft_iron=0.01,
+    mag_noise=0.4,
 )
-"""Drifts of the paper's Table 1, noise densities of the MPU-9150's data sheet."""
+"""Drifts of the paper's Table 1, noise densities of the MPU-9150's data sheet.
+
+The magnetometer's iron is what a calibration leaves.
+"""
 
 
 def ideal_samples(states: Motion, rate_hz: float) -> tuple[FloatArray, FloatArray]:
@@ -75,6 +89,17 @@ def with_errors(
         _measured(accel, rate_hz, e.accel_bias, e.accel_scale, e.accel_noise, e.accel_walk, rng),
         _measured(gyro, rate_hz, e.gyro_bias, e.gyro_scale, e.gyro_noise, e.gyro_walk, rng),
     )
+
+
+def measured_field(
+    field_enu: FloatArray, attitude: FloatArray, errors: SensorErrors, rng: np.random.Generator
+) -> FloatArray:
+    """What a magnetometer of `attitude` (n, 4) measures of a field (n, 3), µT, in its own axes."""
+    true = rotate(attitude * [1, -1, -1, -1], field_enu)
+    hard = errors.hard_iron * rng.standard_normal(3)
+    drawn = rng.standard_normal((3, 3))
+    soft = np.eye(3) + errors.soft_iron * (np.tril(drawn) + np.tril(drawn, -1).T)
+    return true @ soft + hard + errors.mag_noise * rng.standard_normal(true.shape)
 
 
 def _measured(

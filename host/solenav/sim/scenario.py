@@ -6,8 +6,10 @@ import numpy as np
 
 from solenav.errors import SolenavError
 from solenav.recording import Recording, Truth
+from solenav.sim.field import NO_STEEL, Earth, field_at
+from solenav.sim.field import indoors as steel_along
 from solenav.sim.gait import SCENARIOS, motion
-from solenav.sim.imu import TABLE1, SensorErrors, ideal_samples, with_errors
+from solenav.sim.imu import TABLE1, SensorErrors, ideal_samples, measured_field, with_errors
 
 MIN_RATE_HZ = 50.0
 MAX_RATE_HZ = 1000.0
@@ -20,6 +22,8 @@ def simulate(
     seed: int = 1,
     errors: SensorErrors = TABLE1,
     duration_s: float | None = None,
+    earth: Earth | None = None,
+    indoors: bool = False,
 ) -> Recording:
     """The recording of `scenario` (a key of `SCENARIOS`), in body axes (right-front-up).
 
@@ -28,15 +32,21 @@ def simulate(
     The state before the first sample is stance at the origin, at the heading that
     `notes["initial_heading_rad"]` gives (azimuth of the foot's front, clockwise from North).
     `duration_s` None is the scenario's own; more lengthens the standing at the end. The gait of
-    a seed is the same at every rate and with any errors.
+    a seed is the same at every rate and with any errors. The magnetometer reads, at the stamp,
+    the field of `earth` (None: Central Europe) and, `indoors`, of steel along the way.
     """
     _check(scenario, rate_hz, seed)
-    gait_rng, sensor_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
+    earth = earth or Earth()
+    gait_rng, sensor_rng, mag_rng, steel_rng = (
+        np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)
+    )
     gait = SCENARIOS[scenario](gait_rng, duration_s)
 
     count = int(np.ceil(gait.duration_s * rate_hz - 1e-6))
     states = motion(gait, np.arange(count + 1) / rate_hz)
     accel, gyro = with_errors(*ideal_samples(states, rate_hz), rate_hz, errors, sensor_rng)
+    steel = steel_along(gait.foot, earth, steel_rng) if indoors else NO_STEEL
+    field = field_at(states.position_enu[1:], earth, steel)
     time = np.arange(count) / rate_hz
     return Recording(
         name=f"{scenario}-{seed}",
@@ -58,7 +68,10 @@ def simulate(
             "seed": seed,
             "initial_heading_rad": gait.initial_heading_rad,
             "strides": len(gait.lift_off),
+            "declination_rad": earth.declination,
+            "indoors": indoors,
         },
+        mag=measured_field(field, states.attitude[1:], errors, mag_rng),
     )
 
 

@@ -17,7 +17,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from solenav_core import layout
+from solenav_core import layout, messages, navigator
+from solenav_core.params import NAMES
 
 Counts = NDArray[np.int16]
 Integers = NDArray[np.int64]
@@ -45,6 +46,9 @@ _ATTITUDES = (
 LIMITS = {
     "TICK": (0, 127 << 24),
     "SATURATED": (0, ONE),
+    "LAST": (-220_000_000, 220_000_000),
+    "GAPS": (0, ONE),
+    "RESUMED": (0, ONE),
     "STANCE": (0, 1),
     "STILL_TICKS": (0, ONE),
     "RING": (0, 8191),
@@ -76,12 +80,17 @@ LIMITS = {
     "STEPPING": (0, 2),
     "STEPS": (0, ONE),
     "DISTANCE": (0, ONE),
+    "MAG_NORM": (0, 8000),
+    "MAG_UP": (-8000, 8000),
+    "MAG_AZ": (-32768, 32767),
+    "MAG_USED": (0, ONE),
+    "MAG_REFUSED": (0, ONE),
 }
 
 
 @dataclass(frozen=True)
 class Case:
-    """Samples (n, 6) and what to do to the state before the first."""
+    """Samples (n, 10) and what to do to the state before the first."""
 
     name: str
     counts: Counts
@@ -101,7 +110,7 @@ def navigate(state: array[int], /, **words: int | tuple[int, ...]) -> None:
 
     The detector's window is full of rest, so that the next sample at rest is stance.
     """
-    put(state, MODE=1, AL_DONE=1, ATT=_LEVEL, GRAVITY=10283000, RNG=(0, 1))
+    put(state, MODE=1, AL_DONE=1, MOUNT=(1, 2, 3), ATT=_LEVEL, GRAVITY=10283000, RNG=(0, 1))
     put(state, RING_FILL=layout.WINDOW_MAX, RING=1255, P_VV=6711, P_TT=1288490)
     put(state, **words)
 
@@ -153,7 +162,9 @@ def swing(count: int, seed: int) -> Integers:
 
 
 def _samples(*parts: Integers) -> Counts:
-    return np.vstack(parts).astype(np.int16)
+    """With all words of a sample; no reading of the magnetometer, nothing lost."""
+    counts = np.vstack(parts)
+    return np.hstack([counts, np.zeros((len(counts), 4), np.int64)]).astype(np.int16)
 
 
 def walks() -> list[Case]:
@@ -253,6 +264,61 @@ def late() -> list[Case]:
     return [Case("after months", parts, partial(navigate, **words))]
 
 
+def with_field(parts: Counts, every: int, field: tuple[int, int, int], lost: int = 0) -> Counts:
+    """Samples with a reading of the magnetometer on each `every`-th, after `lost` lost samples."""
+    out = parts.copy()
+    out[:, 6:9] = field
+    out[::every, 9] = messages.MAG_NEW | lost << 8
+    return out
+
+
+def steering(params: array[int], mounted: bool = False) -> array[int]:
+    """Parameters with which the magnetometer steers; in another mounting if wanted."""
+    out = array("i", params)
+    changes = {"MAG_GAIN": 900, "MAG_BIAS_GAIN": 4000, "MAG_ALIGN": 1, "DECLINATION": -700}
+    if mounted:
+        changes |= {"MOUNT_R": 2, "MOUNT_F": -1, "MOUNT_U": 3, "MAG_ALIGN": 0}
+    for name, value in changes.items():
+        out[NAMES.index(name)] = value
+    return out
+
+
+def fields() -> list[Case]:
+    """Magnetic fields from none to full scale, in the start and in stance, with holes between.
+
+    To be run with `steering` parameters.
+    """
+    rest = _samples(standing(230, 22))
+    cases = []
+    for i, field in enumerate([(0, 0, 0), (60, -30, -140), (-80, 120, 9), (4095, -4096, 4095)]):
+        on_the_way = with_field(
+            _samples(swing(60, 23), standing(60, 24)), 2, field, (0, 3, 20, 127)[i]
+        )
+        cases.append(Case(f"field {i}", np.vstack([with_field(rest, 2, field), on_the_way])))
+    wild = with_field(_samples(noise(20, _HIGH, 25), standing(20, 26)), 1, (_LOW, _HIGH, _LOW), 20)
+    reference = {"MAG_NORM": 8000, "MAG_UP": -8000, "MAG_AZ": _LOW}
+    cases.append(Case("field beyond the scale", wild, partial(navigate, **reference)))
+    full = partial(navigate, MAG_NORM=2600, MAG_UP=-2200, MAG_USED=ONE, MAG_REFUSED=ONE, GAPS=ONE)
+    steel = with_field(_samples(standing(40, 34)), 1, (40, 60, -137))
+    steel[20:, 6] += 100
+    return [*cases, Case("fields after months", steel, full)]
+
+
+def holes() -> list[Case]:
+    """Navigation that goes on after a hole: still at once, moving first, turned over."""
+
+    def broken(state: array[int]) -> None:
+        navigate(state, POS=2**28, VEL=2**24, HEADING_LAST=9000)
+        navigator.resume(state)
+
+    over = standing(40, 27) * np.array([1, -1, -1, 1, 1, 1])
+    return [
+        Case("hole, still", _samples(standing(60, 28), swing(60, 29), standing(40, 30)), broken),
+        Case("hole, moving", _samples(swing(60, 31), standing(40, 32)), broken),
+        Case("hole, turned over", _samples(over, standing(20, 33)), broken),
+    ]
+
+
 def weights() -> list[Case]:
     """Particles all alike or one against all; M at its least, growing, and at its largest."""
     rest = _samples(standing(12, 16))
@@ -302,5 +368,14 @@ def corners(count: int) -> list[Case]:
 
 def short() -> list[Case]:
     """The whole torture set but for what takes minutes."""
-    groups = (starts(), full_scale(), nothing(), far(), late(), weights(), corners(40))
+    groups = (
+        starts(),
+        full_scale(),
+        nothing(),
+        far(),
+        late(),
+        holes(),
+        weights(),
+        corners(40),
+    )
     return [case for group in groups for case in group]

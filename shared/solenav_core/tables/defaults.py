@@ -6,7 +6,45 @@ PARAMS = array(
     "i",
     [
         200000,  # RATE_MHZ
-        20084,  # ACC_SCALE
+        20084,  # ACC_XX
+        0,  # ACC_XY
+        0,  # ACC_XZ
+        0,  # ACC_YX
+        20084,  # ACC_YY
+        0,  # ACC_YZ
+        0,  # ACC_ZX
+        0,  # ACC_ZY
+        20084,  # ACC_ZZ
+        0,  # ACC_BX
+        0,  # ACC_BY
+        0,  # ACC_BZ
+        16384,  # GYRO_XX
+        0,  # GYRO_XY
+        0,  # GYRO_XZ
+        0,  # GYRO_YX
+        16384,  # GYRO_YY
+        0,  # GYRO_YZ
+        0,  # GYRO_ZX
+        0,  # GYRO_ZY
+        16384,  # GYRO_ZZ
+        0,  # GYRO_BX
+        0,  # GYRO_BY
+        0,  # GYRO_BZ
+        4096,  # MAG_XX
+        0,  # MAG_XY
+        0,  # MAG_XZ
+        0,  # MAG_YX
+        4096,  # MAG_YY
+        0,  # MAG_YZ
+        0,  # MAG_ZX
+        0,  # MAG_ZY
+        4096,  # MAG_ZZ
+        0,  # MAG_BX
+        0,  # MAG_BY
+        0,  # MAG_BZ
+        0,  # MOUNT_R
+        0,  # MOUNT_F
+        0,  # MOUNT_U
         11701279,  # HALF_ANGLE
         5368709,  # DT
         1073741823,  # YAW_W
@@ -49,6 +87,17 @@ PARAMS = array(
         200,  # LOCKOUT_TICKS
         5,  # LOCKOUT_MIN
         671089,  # P_VV_H1
+        10,  # BRIDGE_TICKS
+        16,  # RESUME_TICKS
+        418,  # RESUME_ACC
+        492,  # RESUME_RATE
+        0,  # MAG_GAIN
+        0,  # MAG_BIAS_GAIN
+        26,  # MAG_NORM_TOL
+        36,  # MAG_DIP_TOL
+        3641,  # MAG_ERR_MAX
+        0,  # MAG_ALIGN
+        0,  # DECLINATION
         30,  # STEP_SWING
         8,  # STEP_STANCE
         1,  # SEED

@@ -7,27 +7,30 @@ EXPECTED = (
     1501789533,  # isqrt
     3575841464,  # clamp
     1056304096,  # azimuth
-    3027496242,  # turn
-    1692259826,  # to_nav
-    3150525917,  # propagate
-    3896498010,  # recentre
-    3195236008,  # full speed
-    387045602,  # push
-    203279627,  # slower
-    699802000,  # unrest
-    4285616219,  # detect
-    553104100,  # grow
-    3552550540,  # shrink
-    3119000557,  # head
-    3386837791,  # level
-    2534135536,  # align
-    2199187363,  # roots
-    4035035023,  # ratio
-    2052282227,  # feed_back
-    2226158728,  # observe
-    887283018,  # adapt
-    3182782319,  # weigh
-    1162210166,  # update
-    2104473855,  # stood
-    2358076924,  # tick
+    761548782,  # turn
+    211428604,  # to_nav
+    2725587939,  # condition
+    2176900066,  # steer
+    4212343270,  # propagate
+    2055865173,  # recentre
+    1935532804,  # full speed
+    3741242421,  # push
+    1376448615,  # slower
+    2658781899,  # unrest
+    1988079499,  # detect
+    3388358364,  # grow
+    2136442180,  # shrink
+    886593106,  # head
+    3017137241,  # level
+    280019027,  # align
+    770466833,  # settle
+    2338124254,  # roots
+    1587386778,  # ratio
+    3137137066,  # feed_back
+    3548458509,  # observe
+    106487773,  # adapt
+    2335376611,  # weigh
+    843225300,  # update
+    1126043089,  # stood
+    3883245729,  # tick
 )

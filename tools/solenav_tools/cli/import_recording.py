@@ -48,6 +48,8 @@ def import_recording(
             warn(
                 f"{notes[f'clipped_{what}']} samples clipped at the MPU-9150's full scale ({what})"
             )
+    if notes["mag_overflows"]:
+        warn(f"{notes['mag_overflows']} readings past the AK8975's full scale, flagged as unsound")
     if as_json:
         say_json({"capture": str(target), "truth": recording.truth is not None, **notes})
         return

@@ -12,6 +12,7 @@ import typer
 
 from solenav import importing
 from solenav.sim import scenario as scenarios
+from solenav.sim.field import Earth
 from solenav.sim.gait import SCENARIOS
 from solenav.sim.imu import IDEAL, TABLE1
 from solenav_tools.cli.output import Json, check_output, say, say_json
@@ -47,6 +48,13 @@ def simulate(
     gyro_noise: Annotated[
         float | None, typer.Option(help="Instead of the preset's, °/s/√Hz.")
     ] = None,
+    hard_iron: Annotated[
+        float | None, typer.Option(help="Instead of the preset's, 1 sigma, µT.")
+    ] = None,
+    indoors: Annotated[
+        bool, typer.Option("--indoors", help="Steel in the floor bends the magnetic field.")
+    ] = False,
+    declination: Annotated[float, typer.Option(help="Of magnetic North, ° clockwise.")] = 0.0,
     as_json: Json = False,
 ) -> None:
     """Simulate a walk with a foot-mounted MPU-9150 into a capture, with its truth."""
@@ -60,8 +68,16 @@ def simulate(
         model = replace(model, accel_noise=accel_noise * 9.80665e-6)
     if gyro_noise is not None:
         model = replace(model, gyro_noise=radians(gyro_noise))
+    if hard_iron is not None:
+        model = replace(model, hard_iron=hard_iron)
     recording = scenarios.simulate(
-        scenario.value, rate_hz=rate, seed=seed, errors=model, duration_s=duration
+        scenario.value,
+        rate_hz=rate,
+        seed=seed,
+        errors=model,
+        duration_s=duration,
+        earth=Earth(declination=radians(declination)),
+        indoors=indoors,
     )
     notes = importing.to_capture(recording, output)
     if as_json:
