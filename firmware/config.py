@@ -12,6 +12,20 @@ _DEFAULTS = {
     "send_samples": True,
     "snapshot_s": 10,
     "autostart": True,
+    "sampling": "fifo",
+    "dlpf": 1,
+    "compass": True,
+    "blackbox": "stop",
+    "blackbox_samples": False,
+    "watchdog": True,
+    "checkpoint_s": 10,
+    "resume": "always",
+}
+_CHOICES = {
+    "sampling": ("fifo", "ready"),
+    "dlpf": (1, 2, 3, 4, 5, 6),
+    "blackbox": ("off", "stop", "overwrite"),
+    "resume": ("always", "watchdog", "never"),
 }
 _RATES = (1000, 1_000_000)  # mHz that the sensor's divider and the timing can follow
 
@@ -24,6 +38,8 @@ def load():
         if key not in _DEFAULTS:
             problems.append("config.json: there is no key %s" % key)
         elif type(value) is not type(_DEFAULTS[key]):
+            problems.append("config.json: %s can't be %r" % (key, value))
+        elif key in _CHOICES and value not in _CHOICES[key]:
             problems.append("config.json: %s can't be %r" % (key, value))
         elif type(value) is int and not 0 <= value <= 65535:
             problems.append("config.json: %s = %d is not 0 to 65535" % (key, value))

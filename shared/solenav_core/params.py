@@ -105,3 +105,27 @@ PARAM_FIELDS = (
 )
 
 NAMES = tuple([field[0] for field in PARAM_FIELDS])
+
+_PER_TICK = ("HALF_ANGLE", "GAMMA")
+
+
+def retimed(params, base, period_q8):
+    """`base`, made for the sample rate in its RATE_MHZ, for samples every `period_q8` / 256 µs.
+
+    Into `params`, an array of the same length. What follows the period exactly is scaled: RATE_MHZ,
+    DT, HALF_ANGLE, GAMMA, GAMMA2. What only counts samples or noise stays: a clock is off by a few
+    per cent. Products pass 31 bits: not for the tick.
+    """
+    for i in range(len(base)):
+        params[i] = base[i]
+    rate = base[NAMES.index("RATE_MHZ")]
+    # The period over the nominal one is period_q8 * rate / one.
+    one = 256 * 10**9
+    ratio = period_q8 * rate
+    params[NAMES.index("RATE_MHZ")] = (one + period_q8 // 2) // period_q8
+    params[NAMES.index("DT")] = ((period_q8 << 23) // 10**6 + 1) >> 1
+    for name in _PER_TICK:
+        at = NAMES.index(name)
+        params[at] = (base[at] * ratio + one // 2) // one
+    at = NAMES.index("GAMMA2")
+    params[at] = (base[at] * ratio * ratio + one * one // 2) // (one * one)

@@ -20,7 +20,9 @@ def board_for(source: Capture, *, pose_every: int, realtime: bool = False) -> Si
     source.need_samples()
     samples = replay.samples_of(source)
     config = {"params": parameters.named(source.params[0][1]), "pose_every": pose_every}
-    feed = Samples(samples.time_us, samples.counts, samples.temperature)
+    # Captures without a compass have zeros.
+    mag = samples.mag if samples.mag.any() else None
+    feed = Samples(samples.time_us, samples.counts, samples.temperature, mag)
     return SimulatedBoard(feed, config, realtime)
 
 

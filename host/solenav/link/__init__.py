@@ -46,6 +46,14 @@ def encode(kind: int, seq: int, tick: int, payload: bytes = b"") -> bytes:
     return cobs.encode(body + _CRC.pack(crc_hqx(body, _seed(kind)))) + b"\0"
 
 
+def command(kind: int, seq: int, *values: int) -> bytes:
+    """The bytes of a command with its fields in the schema's order.
+
+    A delimiter goes before it, so that what somebody left unfinished on the line can't spoil it.
+    """
+    return b"\0" + encode(kind, seq, 0, struct.pack(messages.FORMATS[kind], *values))
+
+
 def decode(stuffed: bytes) -> Frame | Damage:
     """A frame from the bytes between two delimiters."""
     try:

@@ -13,6 +13,7 @@ import typer
 from solenav.errors import SolenavError
 from solenav_tools.cli import (
     compare,
+    download,
     evaluate,
     import_recording,
     info,
@@ -41,6 +42,7 @@ app.command("replay")(replay.replay)
 app.command("run-firmware")(run_firmware.run_firmware)
 app.command("record")(record.record)
 app.command("monitor")(monitor.monitor)
+app.command("download")(download.download)
 app.command("info")(info.info)
 app.command("verify")(verify.verify)
 app.command("matrix")(matrix.matrix)
