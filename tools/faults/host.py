@@ -231,7 +231,7 @@ def _replayed(folder: Path, stop_s: float) -> Subject:
     settings = parameters.Settings(align_s=0.3)
     walk = folder / "walk.solcap"
     importing.to_capture(
-        _stretch(simulate("loop", seed=5, rate_hz=100.0), 14.3, stop_s), walk, settings
+        stretch(simulate("loop", seed=5, rate_hz=100.0), 14.3, stop_s), walk, settings
     )
     run = folder / "run.solcap"
     replay.replay(capture.load(walk), run, engine=ENGINE, snapshot_s=1.0)
@@ -240,7 +240,7 @@ def _replayed(folder: Path, stop_s: float) -> Subject:
     return Subject("a tick a record", capture.read_records(run), notes, truth)
 
 
-def _stretch(recording: Recording, start_s: float, stop_s: float) -> Recording:
+def stretch(recording: Recording, start_s: float, stop_s: float) -> Recording:
     """The recording between two times, as if it began there."""
     recording = recording.first(stop_s)
     truth = recording.truth

@@ -18,6 +18,7 @@ from solenav.errors import SolenavError
 from solenav.recording import FloatArray, Truth
 
 _POSITION = ["east_m", "north_m", "up_m"]
+_FARTHEST = 1e8
 _VELOCITY = ["vel_e", "vel_n", "vel_u"]
 
 
@@ -96,8 +97,9 @@ def read_truth(capture: Path) -> Truth | None:
         time_s = table["time_s"]
         if not (np.diff(time_s) >= 0).all() or not np.isfinite(time_s).all():
             raise ValueError("its times run backwards or aren't known")
-        if np.isinf(position).any() or (velocity is not None and np.isinf(velocity).any()):
-            raise ValueError("it holds infinite numbers")
+        for values in (position,) if velocity is None else (position, velocity):
+            if (np.abs(values) > _FARTHEST).any():
+                raise ValueError("it holds numbers that are no metres on this planet")
         return Truth(time_s, position, velocity, stance, frame, closed)
     except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
         raise SolenavError(

@@ -104,7 +104,7 @@ def _reset(world: "World", _fault: "dict[str, Any]", on: bool) -> None:
 
 
 def _gone(_world: "World", _fault: "dict[str, Any]", on: bool) -> None:
-    machine.power(not on)
+    machine.plug(not on)
 
 
 def _temperature(world: "World", fault: "dict[str, Any]", on: bool) -> None:

@@ -54,12 +54,15 @@ _playback: Playback | None = None
 _handlers: dict[int, tuple[Callable[["Pin"], None], int]] = {}
 _uart: "UART | None" = None
 _over_at = -1
+_supplied = True
+_plugged = True
 _line: "Line | None" = None
 
 
 def wire(sensor: Mpu9150 | None, playback: Playback | None) -> None:
     """Connect a sensor and its recording, or leave the bus empty; nothing disturbs it."""
-    global _sensor, _playback, _over_at, bus
+    global _sensor, _playback, _over_at, _supplied, _plugged, bus
+    _supplied = _plugged = True
     _sensor = sensor
     _playback = playback
     _over_at = -1
@@ -76,7 +79,21 @@ def rise(number: int) -> None:
 
 
 def power(on: bool) -> None:
-    """The sensor's supply."""
+    """The sensor's supply, as the board switches it."""
+    global _supplied
+    _supplied = on
+    _supply()
+
+
+def plug(on: bool) -> None:
+    """The sensor's plug: pulled, no supply helps."""
+    global _plugged
+    _plugged = on
+    _supply()
+
+
+def _supply() -> None:
+    on = _supplied and _plugged
     bus.held = 0
     if _sensor and on and not _sensor.powered:
         _sensor.power_up()
