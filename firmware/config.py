@@ -2,8 +2,8 @@
 
 import json
 
-from solenav_core.params import NAMES
-from solenav_core.tables.defaults import PARAMS
+from solenav_core.params import NAMES, conflict
+from solenav_core.tables.defaults import LARGEST, LEAST, PARAMS
 
 _DEFAULTS = {
     "board": "boards.rp2_pico",
@@ -27,7 +27,6 @@ _CHOICES = {
     "blackbox": ("off", "stop", "overwrite"),
     "resume": ("always", "watchdog", "never"),
 }
-_RATES = (1000, 1_000_000)  # mHz that the sensor's divider and the timing can follow
 
 
 def load():
@@ -60,12 +59,20 @@ def _parameters(chosen, problems):
     for name, value in chosen.items():
         if name not in NAMES:
             problems.append("config.json: there is no parameter %s" % name)
-        elif type(value) is not int or not -(2**31) <= value < 2**31:
+        elif type(value) is not int:
             problems.append("config.json: parameter %s can't be %r" % (name, value))
-        elif name == "RATE_MHZ" and not _RATES[0] <= value <= _RATES[1]:
-            problems.append("config.json: RATE_MHZ = %d is not %d to %d" % ((value,) + _RATES))
+        elif not LEAST[NAMES.index(name)] <= value <= LARGEST[NAMES.index(name)]:
+            at = NAMES.index(name)
+            # Past them the core's words would wrap, its kernels leave their arrays.
+            problems.append(
+                "config.json: %s = %d is not %d to %d" % (name, value, LEAST[at], LARGEST[at])
+            )
         else:
             params[NAMES.index(name)] = value
+    wrong = conflict(params)
+    if wrong:
+        problems.append("config.json: %s: default parameters used" % wrong[0])
+        return PARAMS[:]
     return params
 
 

@@ -165,19 +165,27 @@ def test_wrong_settings_are_told() -> None:
     config = {
         "pose_evry": 1,
         "snapshot_s": "often",
-        "params": {"ALIGN_TICKS": 100, "SEEDS": 1, "SEED": 1.5, "RATE_MHZ": 0, "GAMMA": 2**31},
+        "params": {"ALIGN_TICKS": 100, "SEEDS": 1, "SEED": 1.5, "RATE_MHZ": 0, "WINDOW": 32},
     }
     client = run(still(150), config)
     # MicroPython's dictionaries keep no order.
     assert sorted(client.texts()) == [
         ("error", "config.json: RATE_MHZ = 0 is not 1000 to 1000000"),
-        ("error", "config.json: parameter GAMMA can't be 2147483648"),
+        ("error", "config.json: WINDOW = 32 is not 1 to 31"),
         ("error", "config.json: parameter SEED can't be 1.5"),
         ("error", "config.json: snapshot_s can't be 'often'"),
         ("error", "config.json: there is no key pose_evry"),
         ("error", "config.json: there is no parameter SEEDS"),
     ]
     assert client.named("ALIGN")[0].tick == 100
+
+
+def test_parameters_that_contradict_each_other_are_not_run_with() -> None:
+    left_handed = {"MOUNT_R": 1, "MOUNT_F": 3, "MOUNT_U": 2, "ALIGN_TICKS": 100}
+    client = run(still(150), {"params": left_handed})
+    ((level, text),) = client.texts()
+    assert level == "error" and "left-handed: default parameters used" in text
+    assert client.named("HELLO")[0].fields["params"] == crc32(PARAMS)
 
 
 def test_commands() -> None:
