@@ -19,7 +19,8 @@ class Playback:
     last record on.
 
     For faults: `factor` is the sensor's sample spacing against the recording's (what it measures
-    is interpolated from then on), `changes` are called with the values (a list) and the recording's time.
+    is interpolated from then on), `changes` are called with the values (a list) and the
+    recording's time.
     """
 
     def __init__(
