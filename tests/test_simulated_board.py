@@ -296,8 +296,8 @@ def test_a_clock_that_is_off_measures_what_the_foot_does_then(tmp_path: Path) ->
     assert int.from_bytes(raw, "big") == round(10 * true_time / 5000)
     playback.factor = 1.0
     simtime.advance(60_000)
+    assert set(np.diff(pulses).tolist()) == {5000, 5200}  # no step when it is right again
     assert np.diff(pulses)[-5:].tolist() == [5000] * 5
-    assert (pulses[-1] - playback.start) % 5000 == 0
     simtime.advance(1_000_000)
     assert playback.over
 
