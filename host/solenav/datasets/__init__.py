@@ -26,7 +26,6 @@ FORMATS: dict[str, Reader] = {
     "xio": xio.read,
     "gaitmap": gaitmap.read,
     "mpu6050": mpu6050.read,
-    "mpu6050": mpu6050.read,
 }
 
 
