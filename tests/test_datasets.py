@@ -539,11 +539,11 @@ def test_mpu6050_lays_out_bursts_evenly_in_the_accelerometers_axes(tmp_path: Pat
     r = read(write_h5(tmp_path, *mpu6050_arrays()), "mpu6050")
     np.testing.assert_allclose(np.diff(r.time_s), 0.01)
     np.testing.assert_allclose(r.accel[0], [0, 0, 9.80665])
-    np.testing.assert_allclose(np.rad2deg(r.gyro[0]), [-1, -2, 3])
+    np.testing.assert_allclose(np.rad2deg(r.gyro[0]), [1, 2, 3])
     assert r.mag is not None
-    np.testing.assert_allclose(r.mag[::2], np.tile([20.0, 0, -40], (50, 1)))
+    np.testing.assert_allclose(r.mag[::2], np.tile([-20.0, 0, -40], (50, 1)))
     assert np.isnan(r.mag[1::2]).all()
-    assert r.name == tmp_path.name
+    assert r.notes["folder"] == tmp_path.name
 
 
 def test_mpu6050_without_a_compass_has_no_field(tmp_path: Path) -> None:
@@ -560,7 +560,7 @@ def test_mpu6050_names_a_missing_gyro_file(tmp_path: Path) -> None:
 
 def test_mpu6050_refuses_a_damaged_file_and_another_sensors(tmp_path: Path) -> None:
     path = write_h5(tmp_path, *mpu6050_arrays())
-    assert "is not a mpu6050_acc" in fault(path.with_name("mpu6050_gyroscope.mat"), "mpu6050")
+    assert "is not mpu6050_acc" in fault(path.with_name("mpu6050_gyroscope.mat"), "mpu6050")
     path.write_bytes(path.read_bytes()[:200])
     assert "not a readable .mat" in fault(path, "mpu6050")
 
@@ -575,7 +575,7 @@ def test_the_tumbles_field_keeps_its_angle_to_gravity(data: Path) -> None:
     known = ~np.isnan(r.mag[:, 0])
     assert known.sum() > 8100
     # Hard iron and scales as the tumble's ellipsoid has them.
-    field = (r.mag[known] - [-0.56, -10.53, 1.26]) * [0.919, 0.874, 1.026]
+    field = (r.mag[known] - [0.56, 10.53, 1.26]) * [0.919, 0.874, 1.026]
     force = r.accel[known]
     cosine = (field * force).sum(axis=1)
     cosine /= np.linalg.norm(field, axis=1) * np.linalg.norm(force, axis=1)

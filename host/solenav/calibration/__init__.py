@@ -1,1 +1,5 @@
-"""Calibration of the sensors, and what their noise is."""
+"""Calibration: what undoes a sensor's errors, and how it is found from recordings."""
+
+from solenav.calibration.model import IDENTITY, Calibration, load, save
+
+__all__ = ["IDENTITY", "Calibration", "load", "save"]

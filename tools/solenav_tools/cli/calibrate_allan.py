@@ -1,64 +1,53 @@
-"""`solenav calibrate allan`: the sensors' noise from a long rest."""
+"""`solenav calibrate allan`: what the sensor's noise is made of, from a long rest."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
+from rich.console import Console
+from rich.table import Table
 
-from solenav import capture, mpu9150
-from solenav.calibration import allan as deviations
-from solenav.capture.contents import Capture
-from solenav.errors import SolenavError
-from solenav.recording import Recording
+from solenav import capture
+from solenav.calibration import allan
+from solenav.calibration.still import from_capture
 from solenav_tools.cli.output import CaptureFile, Json, check_output, say, say_json
 
 
-def allan(
+def calibrate_allan(
     file: CaptureFile,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="PNG to write.")] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="PNG to draw the deviations into.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Allan deviation from a long rest: random walk, bias instability, rate random walk."""
+    """Random walk, bias instability and bias walk of each axis, from ten minutes of rest."""
     if output is not None:
         check_output(output, ".png")
-    report = deviations.analyse(_recording(capture.load(file)))
+    report = allan.of_recording(from_capture(capture.load(file)))
     if output is not None:
-        deviations.plot(report, output)
+        allan.draw(report, output)
     if as_json:
         say_json(report.as_dict())
         return
-    say(
-        f"{file}: rest from {report.start_s:.1f} to {report.end_s:.1f} s "
-        f"of {report.recording_s:.1f} s, {report.rate_hz:.2f} Hz"
-    )
+    say(f"longest rest: {report.rest.start_s:.0f} to {report.rest.end_s:.0f} s")
+    table = Table("axis", "at 1 s", "random walk N", "bias instability B", "bias walk K")
     for axis in report.axes:
-        say(f"{axis.name}: {axis.at(1.0):.4g} {axis.unit} at 1 s")
-        for name, unit, figure in (
-            ("N", f"{axis.unit}/√Hz", axis.random_walk),
-            ("B", axis.unit, axis.bias_instability),
-            ("K", f"{axis.unit}·√Hz", axis.rate_random_walk),
-        ):
-            sign = "≤" if figure.limit else "="
-            say(
-                f"  {name} {sign} {figure.value:.3g} {unit} ({figure.low:.3g} to {figure.high:.3g};"
-                f" {figure.tau_s[0]:.2g} to {figure.tau_s[1]:.2g} s: {figure.how})"
-            )
-
-
-def _recording(content: Capture) -> Recording:
-    """A capture's raw samples in SI units. SolenavError without samples."""
-    content.need_schema()
-    if len(content.samples) < 2:
-        raise SolenavError(
-            f"{content.path} holds no samples", "record with the firmware's `send_samples` on"
+        unit = axis.unit
+        table.add_row(
+            axis.name,
+            f"{axis.at(1.0):.4g} {unit}",
+            f"{_figure(axis.walk)} {unit}/√Hz",
+            f"{_figure(axis.instability)} {unit}",
+            f"{_figure(axis.drift)} {unit}/√s",
         )
-    rows = content.samples.rows
-    time_s = content.time_of_tick(content.samples.tick)
-    accel, gyro = mpu9150.from_counts(np.hstack([rows["acc"], rows["gyro"]]))
-    rate = (len(time_s) - 1) / max(float(time_s[-1] - time_s[0]), 1e-6)
-    return Recording(
-        content.path.stem, time_s - time_s[0], accel, gyro, rate, source=content.path.name
-    )
+    Console(soft_wrap=True).print(table)
+    if output is not None:
+        say(str(output))
+
+
+def _figure(figure: tuple[float, float]) -> str:
+    """A value with its standard error, or how large at most where it wasn't seen."""
+    value, error = figure
+    return f"{value:.3g} ± {error:.1g}" if value else f"below {2 * error:.1g}"
