@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
+from typer.testing import CliRunner
 
+from solenav import importing
 from solenav.errors import SolenavError
 from solenav.recording import FloatArray, Recording
 
@@ -16,6 +20,10 @@ pytest.importorskip("scipy")
 
 from solenav.calibration import allan
 from solenav.datasets import read
+from solenav_tools.cli.calibrate_allan import calibrate_allan
+
+COMMAND = typer.Typer()
+COMMAND.command()(calibrate_allan)
 
 RATE = 100.0
 
@@ -119,3 +127,25 @@ def test_the_picture_shows_six_lines(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     allan.draw(allan.of_recording(rest(90)), tmp_path / "x.png")
     assert (tmp_path / "x.png").stat().st_size > 10_000
+
+
+def test_the_command_reports_and_draws_a_simulated_rest(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    path, picture = tmp_path / "rest.solcap", tmp_path / "rest.png"
+    n = 20_000
+    importing.to_capture(rest(200, x=white(n, 0.01, 1)), path)
+    done = CliRunner().invoke(COMMAND, [str(path), "-o", str(picture), "--json"])
+    assert done.exit_code == 0, done.output
+    axes = {axis["axis"]: axis for axis in json.loads(done.stdout)["axes"]}
+    # Rounding to counts of 0.061 °/s adds 0.0018 °/s/√Hz.
+    found = axes["gyro x"]["random_walk_per_sqrt_hz"]["value"]
+    assert found == pytest.approx(math.hypot(0.01, 0.0018), rel=0.05)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_command_refuses_a_short_rest(tmp_path: Path) -> None:
+    path = tmp_path / "rest.solcap"
+    importing.to_capture(rest(20), path)
+    done = CliRunner().invoke(COMMAND, [str(path)])
+    assert isinstance(done.exception, SolenavError)
+    assert "60 s are the least" in done.exception.message and done.exception.remedy
