@@ -19,7 +19,7 @@ class Playback:
     last record on.
 
     For faults: `factor` is the sensor's sample spacing against the recording's (what it measures
-    then is interpolated), `changes` are called with the values (a list) and the recording's time.
+    is interpolated from then on), `changes` are called with the values (a list) and the recording's time.
     """
 
     def __init__(
@@ -91,11 +91,8 @@ class Playback:
             values = tuple(altered)
         if self._sensor.sample(values):
             self._rise()
-        if self.factor != 1.0:
+        if self.factor != 1.0 or self._after:
             self._step()
-        elif self._after:
-            self._time, self._values = self._after
-            self._after = None
         else:
             self._take()
         self._schedule()

@@ -75,7 +75,10 @@ if settings["sensor"] != "none":
     )
     machine.wire(sensor, playback)
 world = World(settings["faults"], sensor, playback)
-if before:
+
+
+def go_on():
+    """Another life, after a reset or a power cut; the recording goes on while it boots."""
     simtime.clear(before["now"])
     machine.cause = machine.WDT_RESET
     if sensor:
@@ -95,10 +98,7 @@ if before:
         machine.power(True)
     simtime.advance(_BOOT_US)
     simtime.boot()
-else:
-    world.switch_on()
-if settings["realtime"]:
-    simtime.follow_wall_clock()
+
 
 sys.modules["machine"] = machine
 sys.modules["time"] = simtime
@@ -107,6 +107,9 @@ builtins.open = flash.open
 
 code = 0
 try:
+    go_on() if before else world.switch_on()
+    if settings["realtime"]:
+        simtime.follow_wall_clock()
     if not (playback and playback.over):
         # Names of its own: it may use any of this script's.
         execfile("main.py", {"__name__": "__main__"})  # noqa: F821
