@@ -276,7 +276,7 @@ def test_a_restart_while_the_wearer_stands_costs_nothing_but_the_time(
     assert hello.fields["boot_reason"] == reason
     ((level, text),) = client.texts()
     assert level == "warning" and text.startswith("going on after a restart, from step ")
-    assert np.linalg.norm(end(client) - end(paused)) < 0.5
+    assert np.linalg.norm(end(client) - end(paused)) < 0.1
     proof(client, tmp_path)
     for pose in client.named("POSE"):
         assert bool(pose.fields["flags"] & messages.RESUMED) == (pose.tick > hello.tick)
@@ -287,6 +287,13 @@ def test_a_restart_while_the_wearer_stands_costs_nothing_but_the_time(
     # Standing, it navigates within 2 s of the boot, sensor and stillness included.
     first = next(m for m in client.named("POSE") if m.tick > hello.tick)
     assert first.tick - hello.tick < 2 * RATE
+
+
+def test_checkpoints_cost_no_samples(paused: Client) -> None:
+    """There were five, on flash that stands still while it erases."""
+    status = paused.named("STATUS")[-1].fields
+    assert status["samples"] == len(paused.named("SAMPLE")) == round((PAUSE + 30) * RATE)
+    assert status["lost"] == status["gaps"] == 0
 
 
 def test_after_a_bite_in_mid_walk_what_follows_is_right(tmp_path: Path) -> None:
