@@ -70,12 +70,14 @@ def decode(raw: ptr8, last: ptr8, adjust: ptr8, sample: ptr32, due: int) -> int:
 class Ak8975:
     """The magnetometer on `bus`, to which the bypass of the IMU connects it for all but `take`.
 
-    `every`: a measurement in so many samples. `silent` counts samples since the last reading.
+    `every`: a measurement in so many samples. `silent` counts samples since the last reading,
+    `errors` its own share of the bus's while sampling.
     """
 
     def __init__(self, bus):
         self.every = 1
         self.silent = 0
+        self.errors = 0
         self._bus = bus
         self._age = 0  # samples since the last reading
         self._adjust = bytearray([_NEUTRAL] * 3)
@@ -145,23 +147,26 @@ class Ak8975:
     def poll(self, sample):
         """With each sample, through the bypass: read and measure again in `every` samples.
 
-        SAMPLE's flags. OSError. Allocates nothing.
+        SAMPLE's flags. A transfer that fails is counted. Allocates nothing.
         """
         self._age += 1
         if not self.is_due():
             return self._heard(0)
         self._window[0] = 0  # not ready, should the transfer fail
-        self._bus.read_into(ADDRESS, ST1, self._window)
-        flags = self._heard(decode(self._raw, self._last, self._adjust, sample, 1))
-        self._bus.write_from(ADDRESS, CNTL, self._trigger)
-        return flags
+        try:
+            self._bus.read_into(ADDRESS, ST1, self._window)
+            self._bus.write_from(ADDRESS, CNTL, self._trigger)
+        except OSError:
+            self.errors += 1
+        return self._heard(decode(self._raw, self._last, self._adjust, sample, 1))
 
     def answers(self):
         """Whether it is there, behind the bypass."""
+        self._identity[0] = 0
         try:
             self._bus.read_into(ADDRESS, _WIA, self._identity)
         except OSError:
-            return False
+            self.errors += 1
         return self._identity[0] == _IDENTITY
 
     def _heard(self, flags):

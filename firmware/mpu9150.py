@@ -29,7 +29,6 @@ _CONFIG = const(0x1A)
 _GYRO_CONFIG = const(0x1B)
 _ACCEL_CONFIG = const(0x1C)
 _FIFO_EN = const(0x23)
-_I2C_MST_CTRL = const(0x24)
 _I2C_SLV4_CTRL = const(0x34)
 _I2C_MST_STATUS = const(0x36)
 _INT_PIN_CFG = const(0x37)
@@ -296,10 +295,7 @@ class Mpu9150:
                 news = compass.take_equal(self.raw, sample)
             flags |= news
         elif self.way == BYPASS:
-            try:
-                flags |= self.compass.poll(sample)
-            except OSError:
-                pass  # counted by the bus; the sample itself is whole
+            flags |= self.compass.poll(sample)
         return flags
 
     def _was_acknowledged(self):

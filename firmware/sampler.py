@@ -3,6 +3,7 @@
 Data-ready interrupts and time stamps, lost samples, spikes, frozen data, bus errors.
 """
 
+from errno import ETIMEDOUT
 from time import ticks_add, ticks_diff, ticks_us
 
 from bus import FAST, SLOW
@@ -30,11 +31,12 @@ _PROBES = const(20)  # reads of its identity that a bus must carry to be fast ag
 _ATTEMPTS_MAX = const(2)  # times that it is, without a sample in between
 _SILENT_PERIODS = const(10)
 _TRUSTED = const(3)  # different samples in a row after frozen ones
-_PATIENCE = const(60)  # half seconds until a lost magnetometer is looked for again
+_PATIENCE = const(10)  # half seconds until a lost magnetometer is looked for again
 _SPIKES_MAX = const(3)  # in a row; a fourth is no spike
 
 _FRACTION = const(12)  # bits of the learned period: 256 ms still fit a small int
 _INTERVALS_MAX = const(4096)
+_INTERVALS_GOOD = const(64)
 _SINCE_MAX = const(1 << 29)  # µs: longest time between samples that is told from a longer one
 _SHORT = const(1 << 21)  # µs: in Q8 it fits a small int
 _SILENCE_MIN = const(50_000)  # µs
@@ -232,8 +234,8 @@ class Sampler:
         self._watch_bus()
         try:
             flags = self._oldest() if self._sensor.fifo else self._newest()
-        except OSError:
-            self._fail()
+        except OSError as error:
+            self._fail(error.args[0] == ETIMEDOUT)
             return False
         if flags < 0 or self._is_frozen(flags):
             return False
@@ -286,7 +288,7 @@ class Sampler:
             self._stamp = ticks_us()  # silence counts from here
         if not self.intervals:
             self._period = (1_000_000_000 << _FRACTION) // rate
-        self._errors = self._bus.errors
+        self._errors = self._bus.errors - self._sensor.compass.errors
         return rate
 
     def _try_fast(self):
@@ -321,9 +323,9 @@ class Sampler:
             return -1
         self._seen = count
         self._pass_time(ticks_diff(stamp, self._ticks))
-        steps = self._steps(fresh)
-        self.overruns += steps - 1
-        self._account(steps, True)
+        missed = self._missing
+        self._account(self._steps(fresh), True)
+        self.overruns += self._missing - missed
         self._missing += 1  # until it is here
         try:
             flags = self._sensor.read(self._new)
@@ -356,7 +358,7 @@ class Sampler:
             if waiting == -1:
                 self.fifo_overflows += 1
             self._break_off()
-            sensor.drop()
+            self._rely_on(sensor.drop)
             return -1
         if waiting == 0:
             self._more = False
@@ -396,17 +398,18 @@ class Sampler:
     def _steps(self, least):
         """Sample periods since the last sample: how many samples there were, this one included.
 
-        A stamp may be late but not early; so time is rounded down, short of 1/8 period.
+        A stamp may be late by most of a period, but not early. So time is rounded down, short of
+        what the period is known to.
         """
         since = self._since
         period = self._period >> _FRACTION
-        steps = 1
-        if since < _SHORT:
-            exact = self._period >> (_FRACTION - 8)
-            steps = ((since << 8) + (exact >> 3)) // exact
-        else:
-            steps = since // period
-        return max(steps, least)
+        if since >= _SHORT:
+            return max(since // period, least)
+        exact = self._period >> (_FRACTION - 8)
+        slack = exact >> 3
+        if self.intervals >= _INTERVALS_GOOD:
+            slack = (exact >> 6) + (since >> 3)  # 1/2048
+        return max(((since << 8) + slack) // exact, least)
 
     def _account(self, steps, own):
         """A sample came `steps` periods after the last; `own`: at the time of its own pulse."""
@@ -487,14 +490,16 @@ class Sampler:
             if not sensor.compass_is_back():
                 return
         self._break_off()
-        sensor.reroute()
+        self._rely_on(sensor.reroute)
 
     def _watch_bus(self):
         """Slow it down where transfers fail too often, and speed it up again after a while."""
         bus = self._bus
-        if bus.errors != self._errors:
-            self._strain += _STRAIN * (bus.errors - self._errors)
-            self._errors = bus.errors
+        # A magnetometer that is gone is no fault of the bus.
+        errors = bus.errors - self._sensor.compass.errors
+        if errors != self._errors:
+            self._strain += _STRAIN * (errors - self._errors)
+            self._errors = errors
             self._calm = 0
             if self._strain > _STRAIN_MAX:
                 self._strain = 0
@@ -508,16 +513,24 @@ class Sampler:
                 self._calm = 0
                 bus.open(FAST)
 
-    def _fail(self):
+    def _fail(self, stuck):
+        """A transfer failed; `stuck`: for a line that stays low, which won't pass by itself."""
         self._failures += 1
         most = _FAILURES_MAX
         if self._sensor.fifo:
             most = _FIFO_FAILURES_MAX
             self._seen = self._count
             self._more = self._failures == 1
-        if self._failures >= most:
+        if self._failures >= most or stuck:
             self._failures = 0
             self._anew("the sensor's transfers fail: check SDA, SCL")
+
+    def _rely_on(self, action):
+        """Do what must not stay half done: else the sensor is set up anew."""
+        try:
+            action()
+        except SensorError as error:
+            self._anew(str(error))
 
     def _anew(self, why):
         """Set the sensor up anew; SensorError where that didn't help, or can't be done."""

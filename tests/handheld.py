@@ -47,7 +47,9 @@ def held(attitudes: Sequence[FloatArray], rest_s: float = 2.5, turn_s: float = 1
         parts.append(np.repeat(q[None], rest, axis=0))
         if k + 1 < len(attitudes):
             way = rotation_vector(multiply(q[None] * [1, -1, -1, -1], attitudes[k + 1][None]))
-            parts.append(multiply(np.repeat(q[None], turn, axis=0), from_rotation_vector(u[:, None] * way)))
+            parts.append(
+                multiply(np.repeat(q[None], turn, axis=0), from_rotation_vector(u[:, None] * way))
+            )
     return np.vstack(parts)
 
 

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from errno import EIO
 from types import ModuleType
 from typing import Any
 from unittest import mock
@@ -75,7 +76,7 @@ class I2C:
             if bench.breaks_after == i:
                 bench.breaks_after = -1
                 model.stop()
-                raise OSError(5)
+                raise OSError(EIO)
             buffer[i] = model.read_byte() ^ bench.flips.pop((register, i), 0)
         model.stop()
         # After the read: a burst returns one sample, also while the next one arrives.
@@ -93,7 +94,7 @@ class I2C:
     def _select(self, address: int, register: int) -> None:
         if not self._bench.model.connect(address, False):
             self._pass_bits(9)
-            raise OSError(5)
+            raise OSError(EIO)
         self._bench.model.write_byte(register)
 
     def _pass_bits(self, bits: int) -> None:
@@ -116,10 +117,10 @@ class Bench:
     """`clock`: the sensor's sample period against the nominal one. `values`: sample by number.
 
     `made`: times of the samples that the sensor made for the host, by number; `restarts`: the
-    first ones after it was set up. Faults: `nacks`
-    transfers that nobody acknowledges; `breaks_after` bytes of the next burst it breaks off;
-    `flips`: bits turned over in the next read, by (register, byte); `stuck` clocks of SCL until
-    somebody lets go of SDA.
+    first ones after it was set up, `late` those whose pulse was held up. Faults: `nacks`
+    transfers that nobody acknowledges (with `error`); `breaks_after`: bytes of the next burst
+    after which it breaks off; `flips`: bits turned over in the next read, by (register, byte);
+    `stuck` clocks of SCL until somebody lets go of SDA.
     """
 
     model: Mpu9150
@@ -129,6 +130,7 @@ class Bench:
     writes: list[tuple[int, int, int, int]] = field(default_factory=list)
     nacks: int = 0
     refuses: Callable[[int, int], bool] = lambda address, register: False
+    error: int = EIO
     breaks_after: int = -1
     flips: dict[tuple[int, int], int] = field(default_factory=dict)
     stuck: int = 0
@@ -141,6 +143,7 @@ class Bench:
     levels: dict[int, int] = field(default_factory=lambda: {SCL: 1, SDA: 1, POWER: 1})
     number: int = -1
     restarts: set[int] = field(default_factory=set)
+    late: set[int] = field(default_factory=set)
     _sampled: bool = False
     _last: int = 0
     _due: float = 0.0
@@ -177,7 +180,7 @@ class Bench:
         if self.nacks or self.stuck or self.refuses(address, register):
             self.nacks = max(0, self.nacks - 1)
             simtime.advance(100)
-            raise OSError(5)
+            raise OSError(self.error)
 
     def drive(self, number: int, level: int) -> None:
         if number == SCL and level and not self.levels[SCL] and self.stuck:
@@ -223,6 +226,7 @@ class Bench:
         self._held = False
         if self._pending and self.handler:
             self._pending = False
+            self.late.add(self.number)
             self.handler(Pin(READY))
 
     def run(self, sampler: Any, samples: int, work_us: int = 300, seconds: float = 60.0) -> None:

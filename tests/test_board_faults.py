@@ -170,6 +170,17 @@ def test_frozen(board: Callable[..., Board]) -> None:
     assert made.words()[0] == 7
 
 
+def test_frozen_until_a_reset(board: Callable[..., Board]) -> None:
+    made = board({"kind": "frozen", "at": 11_000, "mends": True})
+    made.until(30_500)
+    assert made.words()[0] == 2
+    made.write(0x6B, 0x80)
+    simtime.advance(100_000)
+    made.set_up()
+    made.until(300_500)
+    assert made.words()[0] == 60
+
+
 def test_the_fifo_overflows_while_the_processor_stands_still(board: Callable[..., Board]) -> None:
     made = board({"kind": "fifo_overflow", "at": 100_000})
     made.write(0x23, 0x78)
@@ -238,6 +249,35 @@ def test_bit_flip(board: Callable[..., Board]) -> None:
     assert [made.words()[1] for _ in range(3)] == [-32768, -32768, 0]
 
 
+def test_bus_noise(board: Callable[..., Board]) -> None:
+    made = board({"kind": "bus_noise", "at": 1000, "for": 100_000, "every": 10, "seed": 3})
+    made.until(1001)
+    read = [made.read(0x0D, 4) for _ in range(40)]
+    sound = bytes(made.sensor.registers[0x0D:0x11])
+    wrong = [values for values in read if values != sound]
+    assert len(wrong) == 4
+    for values in wrong:
+        flipped = int.from_bytes(values, "big") ^ int.from_bytes(sound, "big")
+        assert flipped & (flipped - 1) == 0
+    for _ in range(9):
+        made.write(0x19, 4)
+    assert made.sensor.registers[0x19] == 4
+    made.write(0x19, 4)
+    assert made.sensor.registers[0x19] != 4
+    made.until(101_001)
+    assert all(made.read(0x0D, 4) == sound for _ in range(40))
+
+
+def test_int_wire(board: Callable[..., Board]) -> None:
+    made = board({"kind": "int_wire", "at": 10_000, "for": 10_000})
+    calls: list[int] = []
+    machine.Pin(machine.READY_PIN).irq(lambda pin: calls.append(made.time()))
+    made.playback._rise = lambda: machine.rise(machine.READY_PIN)
+    made.until(30_000)
+    assert 15_000 not in calls and calls[-1] == 30_000
+    assert made.words()[0] == 6
+
+
 def test_register(board: Callable[..., Board]) -> None:
     made = board({"kind": "register", "at": 1000, "register": 0x1C, "value": 0})
     made.until(6000)
@@ -267,6 +307,22 @@ def test_a_sensor_without_power(board: Callable[..., Board], kind: str, length: 
     made.until(10_000 + length + 101_000)
     assert made.read(0x6B) == b"\x40"
     assert len(made.pulses) == 2
+
+
+def test_a_sensor_unplugged_stays_away_whatever_its_supply(board: Callable[..., Board]) -> None:
+    made = board({"kind": "gone", "at": 10_000, "for": 500_000})
+    supply = machine.Pin(machine.POWER_PIN, machine.Pin.OUT, value=1)
+    made.until(20_000)
+    supply.off()
+    supply.on()
+    made.until(400_000)
+    assert made.error() == EIO
+    supply.off()
+    made.until(700_000)
+    assert made.error() == EIO  # plugged in again, but switched off
+    supply.on()
+    made.until(801_000)
+    assert made.read(0x6B) == b"\x40"
 
 
 def test_gone_from_power_up_on(board: Callable[..., Board]) -> None:

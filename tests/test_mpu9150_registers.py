@@ -1,4 +1,4 @@
-"""The register model of the sensor; the firmware on it is in test_mpu9150_driver, test_sampler."""
+"""The register model of the sensor and its compass, as their data sheets have them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from solenav.sim.board import simtime
 from solenav.sim.board.ak8975_registers import SENSITIVITY
 from solenav.sim.board.mpu9150_registers import Mpu9150
 
-READY_PIN = 6
 STILL = (0, 0, 2048, 100, 1, 2, 3)
 
 

@@ -35,6 +35,7 @@ if sys.platform != "win32":
     import tty
 
 SENSORS = ("MPU-9150", "MPU-6050", "none")
+FLASH_SETTINGS = ("capacity", "torn")
 
 _RESTARTS_MAX = 1000  # a firmware that restarts for ever before the recording begins
 
@@ -64,7 +65,8 @@ class SimulatedBoard:
     A watchdog reset, machine.reset() or power cut is a process that ends; the next one goes on
     over the same folder (the flash) and port. `restarts` says why each began: "reset",
     "watchdog" or "power". After a process has ended `rejected` holds the writes that the sensor
-    didn't take so far, `report` the state of the board that it left.
+    didn't take so far, and `report` the state that it left: among others "flash", how many
+    operations on it there were and how many bytes were written.
     """
 
     def __init__(
@@ -85,6 +87,11 @@ class SimulatedBoard:
         for fault in faults:
             if wrong := problem(dict(fault)):
                 raise SolenavError(f"no fault that can be simulated: {wrong}", "change the script")
+        if unknown := set(flash or {}) - set(FLASH_SETTINGS):
+            raise SolenavError(
+                f"the simulated flash has no setting {sorted(unknown)[0]!r}",
+                f"choose from {', '.join(FLASH_SETTINGS)}",
+            )
         self._feed = feed
         self._config = dict(config or {})
         self._settings = {

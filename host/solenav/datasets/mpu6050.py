@@ -1,7 +1,7 @@
-"""An MPU-6050 (the MPU-9150's inertial die) with an HMC5883L on a table: rest, tilts, a full tumble.
+"""An MPU-6050 (the MPU-9150's inertial die) with an HMC5883L by hand: rest, tilts, a full tumble.
 
-A folder of `mpu6050_accelerometer.mat`, `mpu6050_gyroscope.mat`, `hmc5883l_compass.mat` (MATLAB 7.3,
-so HDF5), in g, °/s and gauss. A public set under the EUPL 1.2.
+A folder of `mpu6050_accelerometer.mat`, `mpu6050_gyroscope.mat`, `hmc5883l_compass.mat` (MATLAB
+7.3, so HDF5), in g, °/s and gauss. A public set under the EUPL 1.2.
 
 The stamps are those of bursts at the host, so only the first and last are believed. Axes: over the
 tumble the gyro's turns fit the forces of (x, y, -z) and the fields of (-x, -y, z) best, of all 48

@@ -19,12 +19,27 @@ _EIO = 5
 _ETIMEDOUT = 110
 
 
+def randoms(seed: int) -> Callable[[], int]:
+    """Random bytes, the same each time."""
+    state = seed & 0xFFFFFFFF or 1
+
+    def byte() -> int:
+        nonlocal state
+        state ^= state << 13 & 0xFFFFFFFF
+        state ^= state >> 17
+        state ^= state << 5 & 0xFFFFFFFF
+        return state >> 24
+
+    return byte
+
+
 class Bus:
     """`sensor` sits on it; `written` is called after every write to it.
 
     For faults: `nack` (nothing acknowledges; keys `above` and `every` of the fault), `held` (SCL
     pulses until the slave lets go of SDA), `flip` (a bit of what is read is inverted; keys
-    `byte`, `bit`, `count`). The controller has the pins while `claimed`.
+    `byte`, `bit`, `count`), `disturb` (whether a random bit of what is read or written is
+    inverted; keys `every`, `seed`). The controller has the pins while `claimed`.
     """
 
     def __init__(self) -> None:
@@ -41,6 +56,8 @@ class Bus:
         self.reading = False  # a slave is sending
         self._flipped = 0
         self._transfers = 0
+        self._every = 0
+        self._random: Callable[[], int] | None = None
 
     @property
     def sda_level(self) -> int:
@@ -51,6 +68,11 @@ class Bus:
         if level and not self.scl and self.held:
             self.held -= 1
         self.scl = level
+
+    def disturb(self, fault: dict[str, Any] | None) -> None:
+        """From now on, or no more."""
+        self._every = fault.get("every", 50) if fault else 0
+        self._random = randoms(fault.get("seed", 1)) if fault else None
 
     def claim(self, frequency: int, timeout_us: int) -> None:
         """The controller takes the pins."""
@@ -70,7 +92,9 @@ class Bus:
         sensor.read_into(buffer)
         sensor.stop()
         if self.flip:
-            self._disturb(buffer)
+            self._invert(buffer)
+        if self._every:
+            self._spoil(buffer, 0)
         self.reading = True
         # After the read: a burst returns one sample, also while the next one arrives.
         self._pass_bits(9 * ((3 if register >= 0 else 1) + len(buffer)))
@@ -79,6 +103,9 @@ class Bus:
     def write(self, address: int, data: bytes) -> None:
         """A write of a register number and what follows it."""
         sensor = self._select(address, False)
+        if self._every:
+            data = bytearray(data)
+            self._spoil(data, 1)
         for value in data:
             sensor.write_byte(value)
         sensor.stop()
@@ -114,7 +141,7 @@ class Bus:
             return False
         return self._transfers % fault.get("every", 1) == 0
 
-    def _disturb(self, buffer: bytearray) -> None:
+    def _invert(self, buffer: bytearray) -> None:
         fault = self.flip
         if fault.get("byte", 0) < len(buffer):
             buffer[fault.get("byte", 0)] ^= 1 << fault.get("bit", 0)
@@ -122,6 +149,12 @@ class Bus:
             if self._flipped >= fault.get("count", 1):
                 self.flip = None
                 self._flipped = 0
+
+    def _spoil(self, buffer: bytearray, first: int) -> None:
+        self._transfers += 1
+        if self._transfers % self._every == 0 and len(buffer) > first:
+            at = first + self._random() % (len(buffer) - first)
+            buffer[at] ^= 1 << self._random() % 8
 
     def _pass_bits(self, bits: int) -> None:
         """With start, repeated start and stop."""

@@ -7,13 +7,16 @@ when the sensor samples). Kinds with their own keys, [default]:
     nack           nothing on the sensor's bus acknowledges; "every" [1] transfer, "above" [0] Hz
     stuck_sda      SDA held low until SCL was clocked "clocks" [9] times, or the time is over
     wrong_id       WHO_AM_I reads as "value" [0x70]
-    frozen         the data registers stay as they are, data ready goes on
+    frozen         the data registers stay as they are, data ready goes on; with "mends" [false]
+                   a reset of the sensor ends it
     fifo_overflow  the processor stands still with interrupts disabled [1 s]
     hang           the processor stands still, interrupts are served [1 s]
     watchdog       the same, longer than any watchdog waits [20 s]
     clock          the sensor's samples come at "factor" times their spacing
     spike          "axis" (ax .. mz) reads as "value" [32767]; one sample without "for"
     bit_flip       "bit" [0] of "byte" [0] of the next "count" [1] reads that are so long
+    bus_noise      a random bit of every "every" [50] transfer on the bus is inverted
+    int_wire       the sensor's interrupts don't reach the processor
     register       the sensor's "register" gets the "value"
     reset          the sensor falls back to its reset state, asleep
     brown_out      the sensor without power [50 ms], then back in its reset state
@@ -59,8 +62,9 @@ def _wrong_id(world: "World", fault: "dict[str, Any]", on: bool) -> None:
     world.sensor.identity = fault.get("value", 0x70) if on else 0x68
 
 
-def _frozen(world: "World", _fault: "dict[str, Any]", on: bool) -> None:
+def _frozen(world: "World", fault: "dict[str, Any]", on: bool) -> None:
     world.sensor.frozen = on
+    world.sensor.mends = on and fault.get("mends", False)
 
 
 def _stall(_world: "World", fault: "dict[str, Any]", on: bool) -> None:
@@ -93,6 +97,14 @@ def _bit_flip(_world: "World", fault: "dict[str, Any]", on: bool) -> None:
     machine.bus.flip = fault if on else None
 
 
+def _bus_noise(_world: "World", fault: "dict[str, Any]", on: bool) -> None:
+    machine.bus.disturb(fault if on else None)
+
+
+def _int_wire(_world: "World", _fault: "dict[str, Any]", on: bool) -> None:
+    machine.cut_wire = on
+
+
 def _register(world: "World", fault: "dict[str, Any]", on: bool) -> None:
     if on:
         world.sensor.corrupt(fault["register"], fault["value"])
@@ -104,7 +116,7 @@ def _reset(world: "World", _fault: "dict[str, Any]", on: bool) -> None:
 
 
 def _gone(_world: "World", _fault: "dict[str, Any]", on: bool) -> None:
-    machine.power(not on)
+    machine.unplug(on)
 
 
 def _temperature(world: "World", fault: "dict[str, Any]", on: bool) -> None:
@@ -174,6 +186,8 @@ KINDS = {
     "clock": (_clock, _REST, True),
     "spike": (_spike, _REST, True),
     "bit_flip": (_bit_flip, _REST, False),
+    "bus_noise": (_bus_noise, _REST, False),
+    "int_wire": (_int_wire, _REST, False),
     "register": (_register, 0, True),
     "reset": (_reset, 0, True),
     "brown_out": (_gone, 50_000, True),

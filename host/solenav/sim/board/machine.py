@@ -18,7 +18,7 @@ import select
 import sys
 
 from solenav.sim.board import simtime
-from solenav.sim.board.bus import Bus
+from solenav.sim.board.bus import Bus, randoms
 from solenav.sim.board.mpu9150_registers import Mpu9150
 from solenav.sim.board.playback import Playback
 
@@ -47,6 +47,7 @@ _CHUNK = 256  # bytes that the host gets at a time
 bus = Bus()
 cause = PWRON_RESET
 off_us = 0  # how long the power is to be away, after a cut
+cut_wire = False  # INT doesn't reach the processor
 scripted = False  # faults are: time never waits for a person
 
 _sensor: Mpu9150 | None = None
@@ -54,12 +55,17 @@ _playback: Playback | None = None
 _handlers: dict[int, tuple[Callable[["Pin"], None], int]] = {}
 _uart: "UART | None" = None
 _over_at = -1
+_supplied = True
+_unplugged = False
 _line: "Line | None" = None
 
 
 def wire(sensor: Mpu9150 | None, playback: Playback | None) -> None:
     """Connect a sensor and its recording, or leave the bus empty; nothing disturbs it."""
-    global _sensor, _playback, _over_at, bus
+    global _sensor, _playback, _over_at, _supplied, _unplugged, bus, cut_wire
+    cut_wire = False
+    _supplied = True
+    _unplugged = False
     _sensor = sensor
     _playback = playback
     _over_at = -1
@@ -70,14 +76,31 @@ def wire(sensor: Mpu9150 | None, playback: Playback | None) -> None:
 
 def rise(number: int) -> None:
     """A rising edge on a pin."""
+    if cut_wire:
+        return
     entry = _handlers.get(number)
     if entry and entry[1] & Pin.IRQ_RISING:
         simtime.interrupt(entry[2])
 
 
 def power(on: bool) -> None:
-    """The sensor's supply."""
-    bus.held = 0
+    """The sensor's supply, as the board gives it."""
+    global _supplied
+    _supplied = on
+    _supply()
+
+
+def unplug(off: bool) -> None:
+    """A fault: the supply doesn't reach the sensor, whatever the board gives."""
+    global _unplugged
+    _unplugged = off
+    _supply()
+
+
+def _supply() -> None:
+    on = _supplied and not _unplugged
+    if not on:
+        bus.held = 0
     if _sensor and on and not _sensor.powered:
         _sensor.power_up()
     elif _sensor and not on:
@@ -305,7 +328,7 @@ class Line:
         self._rate = rate
         self._us = us
         self._data = data
-        self._state = seed & 0xFFFFFFFF or 1
+        self._random = randoms(seed)
         self._sent = 0
 
     def arrived(self, room: int) -> bytes:
@@ -320,14 +343,6 @@ class Line:
                 taken[i] = self._random()
         self._sent += count
         return taken
-
-    def _random(self) -> int:
-        state = self._state
-        state ^= state << 13 & 0xFFFFFFFF
-        state ^= state >> 17
-        state ^= state << 5 & 0xFFFFFFFF
-        self._state = state
-        return state >> 24
 
 
 class UART:

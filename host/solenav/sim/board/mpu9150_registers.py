@@ -134,8 +134,9 @@ class Mpu9150:
     """`line` is the level of INT. Without `compass` it is an MPU-6050.
 
     For faults: `identity` is what WHO_AM_I reads as, `frozen` keeps the data registers as they
-    are, `failing` holds the axes (0-2 accelerometer, 3-5 gyro) without self-test response, `cut`
-    and `power_up` switch it off and on. `rejections` counts all of `rejected`.
+    are (with `mends` until a reset), `failing` holds the axes (0-2 accelerometer, 3-5 gyro)
+    without self-test response, `cut` and `power_up` switch it off and on. `rejections` counts
+    all of `rejected`.
     """
 
     def __init__(self, compass: bool = True, address: int = _IDENTITY) -> None:
@@ -145,6 +146,7 @@ class Mpu9150:
         self.rejections = 0
         self.identity = _IDENTITY
         self.frozen = False
+        self.mends = False
         self.failing: set[int] = set()
         self.powered = True
         self.compass = Ak8975(self._reject_compass) if compass else None
@@ -361,6 +363,8 @@ class Mpu9150:
         self._selected = 0
 
     def _reset(self) -> None:
+        if self.mends:
+            self.frozen = self.mends = False
         registers = self.registers
         for i in range(len(registers)):
             registers[i] = 0

@@ -17,6 +17,7 @@ except ImportError:  # MicroPython: annotations are never evaluated there
 
 _PERIOD = 1 << 30  # at which tick counts wrap on 32-bit microcontrollers
 _NEVER = 1 << 60
+_CLOCK = 1_609_459_200  # s: where the rp2's clock starts at each boot, 2021
 
 _now = 0
 _booted = 0
@@ -147,6 +148,11 @@ def advance(us: int) -> None:
         ahead = _now - (_wall.time_ns() // 1000 - _started)
         if ahead > 1000:
             _wall.sleep_us(ahead)
+
+
+def time() -> int:
+    """s, of a clock that nobody has set."""
+    return _CLOCK + (_now - _booted) // 1_000_000
 
 
 def ticks_us() -> int:

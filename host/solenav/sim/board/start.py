@@ -75,29 +75,30 @@ if settings["sensor"] != "none":
     )
     machine.wire(sensor, playback)
 world = World(settings["faults"], sensor, playback)
-if before:
+
+
+def go_on():
+    """Another life, after a reset or a power cut; the recording goes on while it boots."""
     simtime.clear(before["now"])
     machine.cause = machine.WDT_RESET
     if sensor:
         sensor.load(before["sensor"])
         machine.bus.held = before["held"]
-    if before["code"] == machine.POWER_CUT:
+    cut = before["code"] == machine.POWER_CUT
+    if cut:
         machine.cause = machine.PWRON_RESET
-        machine.power(False)
+    machine.power(not cut)  # a pin that had switched the sensor off is an input again
     world.switch_on(again=True)
     if playback:
         playback.load(before["playback"])
     if playback and playback.start >= 0:
         world.start()
-    if before["code"] == machine.POWER_CUT:
+    if cut:
         simtime.advance(before["off"])
         machine.power(True)
     simtime.advance(_BOOT_US)
     simtime.boot()
-else:
-    world.switch_on()
-if settings["realtime"]:
-    simtime.follow_wall_clock()
+
 
 sys.modules["machine"] = machine
 sys.modules["time"] = simtime
@@ -106,6 +107,9 @@ builtins.open = flash.open
 
 code = 0
 try:
+    go_on() if before else world.switch_on()
+    if settings["realtime"]:
+        simtime.follow_wall_clock()
     if not (playback and playback.over):
         # Names of its own: it may use any of this script's.
         execfile("main.py", {"__name__": "__main__"})  # noqa: F821
