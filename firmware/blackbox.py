@@ -295,7 +295,7 @@ class BlackBox:
             except OSError:
                 pass
         self._described = False
-        if error.args[0] == _ENOSPC:
+        if error.args[:1] == (_ENOSPC,):
             if not (self._overwrite and len(self.numbers) > 1):
                 self._stop("is full")
                 return
@@ -330,7 +330,7 @@ class BlackBox:
         try:
             os.mkdir(_FOLDER)
         except OSError as error:
-            if error.args[0] != EEXIST:
+            if error.args[:1] != (EEXIST,):
                 raise
         for name in os.listdir(_FOLDER):
             digits = name[: -len(_SUFFIX)]
