@@ -231,6 +231,17 @@ def test_a_spike_that_lasts(board: Callable[..., Board]) -> None:
     assert seen == [0, 32767, 32767, 0]
 
 
+def test_a_spike_that_is_over_does_not_come_back_with_the_end_of_another(
+    board: Callable[..., Board],
+) -> None:
+    made = board(
+        {"kind": "spike", "at": 9000, "axis": "gy", "value": -30_000},
+        {"kind": "spike", "at": 14_000, "for": 5000, "axis": "gz"},
+    )
+    made.until(31_000)
+    assert made.words()[5] == 0
+
+
 def test_bit_flip(board: Callable[..., Board]) -> None:
     made = board({"kind": "bit_flip", "at": 1000, "byte": 2, "bit": 7, "count": 2})
     made.until(1001)
@@ -267,6 +278,21 @@ def test_a_sensor_without_power(board: Callable[..., Board], kind: str, length: 
     made.until(10_000 + length + 101_000)
     assert made.read(0x6B) == b"\x40"
     assert len(made.pulses) == 2
+
+
+def test_a_sensor_that_is_unplugged_has_no_use_for_the_boards_supply(
+    board: Callable[..., Board],
+) -> None:
+    made = board({"kind": "gone", "at": 10_000})
+    supply = machine.Pin(machine.POWER_PIN, machine.Pin.OUT)
+    made.until(20_000)
+    supply.off()
+    made.until(30_000)
+    supply.on()
+    made.until(1_000_000)
+    assert made.error() == EIO
+    made.until(2_200_000)
+    assert made.read(0x6B) == b"\x40"
 
 
 def test_gone_from_power_up_on(board: Callable[..., Board]) -> None:
