@@ -114,6 +114,22 @@ def test_a_wrong_record_length_costs_no_frame(
     assert whole_frames(path) == [frame for _start, _stop, frame in subject.frames]
 
 
+@given(at=st.integers(18, 5000), size=st.integers(1, 20), insert=st.booleans())
+def test_bytes_more_or_less_cost_only_the_frames_that_they_hit(
+    subjects: list[host.Subject],
+    tmp_path_factory: pytest.TempPathFactory,
+    at: int,
+    size: int,
+    insert: bool,
+) -> None:
+    edit = host.Edit(at, at, b"\x55" * size) if insert else host.Edit(at, at + size, b"")
+    for subject in subjects:
+        damage = host.Damage("some bytes", [edit])
+        path = tmp_path_factory.mktemp("bytes") / "x.solcap"
+        found = whole_frames(written(path, subject.damaged(damage)))
+        assert all(frame in found for frame in subject.untouched(damage))
+
+
 @pytest.mark.parametrize("value", [math.nan, math.inf, -1.0, 1e300])
 def test_wrong_arrival_times_cost_nothing_and_make_sound_json(
     small: host.Subject, tmp_path: Path, value: float
@@ -338,6 +354,13 @@ def test_a_sidecar_nested_without_end_is_an_error_with_a_remedy(tmp_path: Path) 
     assert caught.value.remedy
 
 
+def test_half_a_character_in_a_sidecar_is_an_error_with_a_remedy(tmp_path: Path) -> None:
+    path = tmp_path / "x.solcap"
+    sidecar.sidecar_path(path).write_text(r'{"name": "\ud800"}')
+    with pytest.raises(SolenavError, match="can't be read"):
+        sidecar.read_sidecar(path)
+
+
 HEAD = "time_s,east_m,north_m,up_m\r\n"
 
 
@@ -347,6 +370,7 @@ HEAD = "time_s,east_m,north_m,up_m\r\n"
         HEAD + "1,2,3,4\r\nnan,2,3,4\r\n",
         HEAD + "2,2,3,4\r\n1,2,3,4\r\n",
         HEAD + "1,inf,3,4\r\n",
+        HEAD + "1,1e308,3,4\r\n",
         HEAD + "1,2\r\n2,3,4,5\r\n",
         HEAD + "1,2,3,4,5\r\n",
         HEAD + '"' + "x" * 200_000 + "\r\n",
