@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cli import solenav
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -341,6 +342,20 @@ def test_a_capture_of_gaps_alone_is_verified_in_bounded_work(
     report = verify(found, "fast")
     assert not report.verified
     assert report.unchecked_samples == count
+
+
+def test_a_replay_over_lost_samples_says_that_its_poses_are_not_the_boards(
+    small: host.Subject, tmp_path: Path
+) -> None:
+    samples = [frame for frame in small.frames if frame[2].kind == messages.SAMPLE]
+    start, stop, _frame = samples[80]
+    stream = host.edited(small.stream, [host.Edit(start, stop, b"")])
+    path = written(tmp_path / "x.solcap", host.packed([(0.0, stream)]))
+    sound = written(tmp_path / "y.solcap", small.file)
+    for file, says in ((path, "1 samples never arrived"), (sound, "")):
+        done = solenav("replay", file, "-o", tmp_path / "out.solcap", "--engine", "fast")
+        assert done.returncode == 0 and says in done.stderr
+        assert bool(done.stderr) == bool(says)
 
 
 # Beside the capture.
