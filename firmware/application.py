@@ -23,7 +23,7 @@ from solenav_core.tables.lookup import TABLES
 from solenav_core.tables.selftest import EXPECTED
 
 _INFO, _WARNING, _ERROR = 0, 1, 2
-_CHECKS = 4  # of the sensor's settings, in a second
+_CHECKS = 20  # of the sensor's settings, in a second: 1 ms each, of the bus and of the processor
 _AT = offsets(STATE_FIELDS)
 _TICK = _AT["TICK"]
 _MODE = _AT["MODE"]
