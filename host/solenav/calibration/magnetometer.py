@@ -8,7 +8,6 @@ every attitude.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from solenav import mpu9150
 from solenav.calibration.model import IDENTITY, Calibration
+from solenav.calibration.still import DIRECTIONS, FACES
 from solenav.errors import SolenavError
 from solenav.recording import FloatArray, Recording
 
@@ -31,19 +31,6 @@ _TUMBLE = (
     "turn the sensor slowly through every attitude for a minute, far from steel: each axis, each "
     "edge and each corner between them once along the field and once against it"
 )
-
-
-def _directions() -> dict[str, FloatArray]:
-    """Faces, edges and corners of a cube by name, such as "+x" and "-y+z", as unit vectors."""
-    out = {}
-    for signs in product((1, 0, -1), repeat=3):
-        if any(signs):
-            name = "".join(f"{'+-'[s < 0]}{a}" for s, a in zip(signs, "xyz", strict=True) if s)
-            out[name] = np.array(signs) / np.linalg.norm(signs)
-    return dict(sorted(out.items(), key=lambda item: len(item[0])))
-
-
-DIRECTIONS = _directions()
 
 
 @dataclass(frozen=True)
@@ -112,13 +99,12 @@ def lacking(field: FloatArray) -> list[str]:
     if len(field) < READINGS_MIN:
         return list(DIRECTIONS)
     matrix, bias, _radius, _sound = _ellipsoid(field)
+    if not _possible(matrix):
+        # A part of an ellipsoid may fit anything; the middle of the readings is near enough.
+        matrix, bias = np.eye(3), np.percentile(field, [2, 98], axis=0).mean(axis=0)
     missed = uncovered(field @ matrix.T - bias)
-    enough = len(DIRECTIONS) - len(missed) >= _COVERED_MIN and not set(missed) & set(_faces())
+    enough = len(DIRECTIONS) - len(missed) >= _COVERED_MIN and not set(missed) & set(FACES)
     return [] if enough else missed
-
-
-def _faces() -> list[str]:
-    return [name for name in DIRECTIONS if len(name) == 2]
 
 
 def calibrate(recording: Recording, calibration: Calibration = IDENTITY) -> Found:
@@ -144,8 +130,7 @@ def calibrate(recording: Recording, calibration: Calibration = IDENTITY) -> Foun
     matrix, bias, radius, sound = _ellipsoid(field)
     corrected = field @ matrix.T - bias
     residual = np.linalg.norm(corrected, axis=1) - radius
-    axes = 1 / np.linalg.eigvalsh(matrix)
-    if axes.min() <= 0 or axes.max() > _WIDEST * axes.min():
+    if not _possible(matrix):
         raise SolenavError(
             "the readings lie on no ellipsoid that iron could make", "tumble it anew: " + _TUMBLE, 1
         )
@@ -166,16 +151,22 @@ def calibrate(recording: Recording, calibration: Calibration = IDENTITY) -> Foun
         before=size - size.mean(),
         outliers=int((~sound).sum()),
         covered=len(DIRECTIONS) - len(uncovered(corrected)),
-        half_axes=np.sort(axes),
+        half_axes=1 / np.linalg.eigvalsh(matrix)[::-1],
         **dips,
     )
+
+
+def _possible(matrix: FloatArray) -> bool:
+    """Whether a symmetric matrix (3, 3) is an ellipsoid's that iron could make."""
+    axes = np.linalg.eigvalsh(matrix)
+    return bool(axes[0] > 0 and axes[2] < _WIDEST * axes[0])
 
 
 def _ellipsoid(field: FloatArray) -> tuple[FloatArray, FloatArray, float, NDArray[np.bool_]]:
     """W (3, 3), symmetric, determinant 1; b (3,); the radius; which readings (n,) are sound."""
     from scipy.optimize import least_squares
 
-    centre = (np.percentile(field, 2, axis=0) + np.percentile(field, 98, axis=0)) / 2
+    centre = np.percentile(field, [2, 98], axis=0).mean(axis=0)
     radius = float(np.median(np.linalg.norm(field - centre, axis=1))) or 1.0
     unit = field / radius
     upper = np.triu_indices(3)
