@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
+import select
+import threading
+import tty
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +40,34 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, found in made.items():
         importing.to_capture(found, out / f"{name}.solcap")
     return out
+
+
+@contextlib.contextmanager
+def pouring(data: bytes) -> Iterator[str]:
+    """A port at which `data` arrives for as long as anybody reads."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    os.set_blocking(master, False)
+    over = threading.Event()
+
+    def pour() -> None:
+        # What comes before the client has opened and discarded its input would be lost.
+        while not over.is_set() and not select.select([master], [], [], 0.05)[0]:
+            pass
+        left = memoryview(data)
+        while left and not over.is_set():
+            if select.select([], [master], [], 0.05)[1]:
+                left = left[os.write(master, left[:512]) :]
+
+    thread = threading.Thread(target=pour)
+    thread.start()
+    try:
+        yield os.ttyname(slave)
+    finally:
+        over.set()
+        thread.join()
+        os.close(slave)
+        os.close(master)
 
 
 def test_three_recordings_make_one_calibration_that_walks_straight(
@@ -189,7 +223,7 @@ def test_a_boards_magnetometer_is_calibrated_until_all_directions_are_there(
 ) -> None:
     """From bytes of a capture: the simulated chip's magnetometer doesn't tumble."""
     stream = b"".join(d for _t, d in capture.read_records(folder / "tumble.solcap"))
-    with sender(stream, then_vanish=False) as port:
+    with pouring(stream) as port:
         done = solenav("calibrate", "magnetometer", port, "-o", tmp_path / "c.json")
     assert done.returncode == 0, done.stderr
     assert "missing: the field from" in done.stderr

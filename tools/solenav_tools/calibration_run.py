@@ -27,7 +27,7 @@ _SILENT_S = 5.0
 def guided(
     port: str, baud: int, guide: Guide, say: Callable[[str], None], record: Path | None = None
 ) -> Recording:
-    """Follow a board until the guide is done; what came since the guide's row `first`.
+    """Follow a board until the guide is done: the samples that it looked at last.
 
     All bytes go into the capture `record` as well. SolenavError where the board can't be read,
     sends no samples, vanishes, or the person gives up with Ctrl-C.
@@ -49,10 +49,11 @@ def guided(
                     samples.take(item)
                 samples.check_alive()
                 if samples.due(guide):
-                    for line in guide.look(samples.since(guide.first)):
+                    recording = samples.since(guide.first)
+                    for line in guide.look(recording):
                         say(line)
-                if guide.done:
-                    return samples.since(guide.first)
+                    if guide.done:
+                        return recording
         except PortVanished:
             raise SolenavError(
                 f"{port} vanished before all was there; {guide.lacks()}",
