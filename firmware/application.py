@@ -1,25 +1,37 @@
 """The loop: samples into the core, messages out, commands in."""
 
+from binascii import crc32
 from time import ticks_diff, ticks_ms, ticks_us
 
 import config
 import machine
 import reports
+from blackbox import BlackBox
+from bus import Bus
+from checkpoint import Checkpoint
+from download import Download
 from link import Link
 from mpu9150 import Mpu9150, SensorError
 from sampler import Sampler
+from supervisor import Clock, Trust, Watchdog
 
 from solenav_core import messages, navigator, selftest
 from solenav_core.framing import HEADER
-from solenav_core.layout import STATE_FIELDS, offsets
+from solenav_core.layout import SAMPLE_FIELDS, STATE_FIELDS, offsets
 from solenav_core.params import NAMES
 from solenav_core.tables.lookup import TABLES
 from solenav_core.tables.selftest import EXPECTED
 
 _INFO, _WARNING, _ERROR = 0, 1, 2
-_TICK = offsets(STATE_FIELDS)["TICK"]
-_MODE = offsets(STATE_FIELDS)["MODE"]
+_CHECKS = 4  # of the sensor's settings, in a second
+_AT = offsets(STATE_FIELDS)
+_TICK = _AT["TICK"]
+_MODE = _AT["MODE"]
+_RESUMED = _AT["RESUMED"]
+_STEPS = _AT["STEPS"]
+_FLAGS = offsets(SAMPLE_FIELDS)["FLAGS"]
 _RATE = NAMES.index("RATE_MHZ")
+_BRIDGE = NAMES.index("BRIDGE_TICKS")
 
 
 class Application:
@@ -30,22 +42,45 @@ class Application:
 
     def __init__(self, board, settings, params, problems):
         rate = params[_RATE]
-        self.link = Link(board.uart)
-        self.sensor = Mpu9150(board.i2c)
-        self.sampler = Sampler(self.sensor, board.ready, rate)
-        self.params = params
-        self.state = navigator.new_state()
-        self.work = navigator.new_work()
+        self.settings = settings
         self.board = board
         self.build = config.build()
         self.problems = problems
-        self.send_samples = settings["send_samples"]
-        self.pose_every = settings["pose_every"]
+        self.link = Link(board.uart)
+        self.sensor = Mpu9150(Bus(board))
+        # fmt: off
+        self.sampler = Sampler(
+            self.sensor, board.ready, rate, settings["sampling"] == "fifo", settings["dlpf"],
+            settings["compass"],
+        )
+        # fmt: on
+        self.clock = Clock(params)
+        self.params = self.clock.params
+        self.state = navigator.new_state()
+        self.work = navigator.new_work()
         self.second = max(1, (rate + 500) // 1000)  # ticks
         self.snapshot_ticks = settings["snapshot_s"] * self.second
+        self.check_ticks = max(1, self.second // _CHECKS)
+        # Up to twice as many as the core bridges with confidence it is nearer to the truth by
+        # bridging, flagged, than by starting from the next stance: half a swing in the simulator.
+        self.bridge = 2 * params[_BRIDGE]
+        self.send_samples = settings["send_samples"]
+        self.pose_every = settings["pose_every"]
         self.wanted = settings["autostart"]
         self.mode = messages.IDLE
         self.snapshot_asked = False
+        # fmt: off
+        self.blackbox = BlackBox(
+            self.link, settings["blackbox"], settings["blackbox_samples"], self.second,
+            self.describe,
+        )
+        # fmt: on
+        self.download = Download(self.link, self.blackbox)
+        self.trust = Trust(self.sensor)
+        self.watchdog = Watchdog(settings["watchdog"])
+        identity = crc32(params) ^ self.build[0]
+        self.checkpoint = Checkpoint(identity, settings["checkpoint_s"] * self.second, self.second)
+        self.unsaved = False  # the last checkpoint could not be written
         self.worst = 0
         self.complaint = ""
         self.failed_test = selftest.first_failure(EXPECTED)
@@ -56,6 +91,7 @@ class Application:
             messages.ASK_STOP: self.stop,
             messages.ASK_SNAPSHOT: self.ask_snapshot,
         }
+        self.commands.update(self.download.commands)
 
     def run(self):
         """For ever."""
@@ -63,36 +99,85 @@ class Application:
             self.announce()
             self.refuse()
         else:
-            try:
-                self.wake()
-            except SensorError as error:
-                self.announce()
-                self.fail(error)
+            self.boot()
         for problem in self.problems:
             self.log(_ERROR, problem)
         while True:
-            command = self.link.receive(self.state[_TICK])
+            tick = self.state[_TICK]
+            command = self.link.receive(tick)
             if command:
                 self.obey(command)
             waiting = False
-            if self.mode == messages.ALIGNING or self.mode == messages.RUNNING:
-                try:
-                    waiting = self.sampler.ready()
-                    if waiting and self.sampler.read():
-                        self.advance()
-                except SensorError as error:
-                    self.fail(error)
+            if self.sampling():
+                waiting = self.take()
             elif ticks_diff(ticks_ms(), self.beat) >= 1000:
                 self.rest()
             self.link.pump()
-            if not waiting:
+            if not (waiting or self.spare(tick)):
                 machine.idle()
+
+    def boot(self):
+        """Go on with a run that was cut off; else start or wait, as the settings say."""
+        going_on = self.reclaim()
+        try:
+            self.wake(not going_on)
+        except SensorError as error:
+            self.announce()
+            self.fail(error)
+        if going_on:
+            self.log(_WARNING, "going on after a restart, from step %d" % self.state[_STEPS])
+            self.show_state()
+
+    def reclaim(self):
+        """Take a run up again that this boot has cut off; whether there was one."""
+        if not self.checkpoint.cut_off():
+            return False
+        wish = self.settings["resume"]
+        if wish == "never" or (wish == "watchdog" and machine.reset_cause() != machine.WDT_RESET):
+            why = "config.json has resume: " + wish
+        else:
+            why = self.checkpoint.objection()
+        if why:
+            self.log(_INFO, "not going on with the run before: " + why)
+            self.end_run()
+            return False
+        self.wanted = True
+        self.clock.set(self.checkpoint.period)
+        self.keep(self.checkpoint.restore, self.state)
+        return True
+
+    def sampling(self):
+        """Whether samples are to come."""
+        return self.mode != messages.IDLE and self.mode != messages.FAULT
+
+    def take(self):
+        """A sample, if one waits; whether one may have."""
+        try:
+            waiting = self.sampler.ready()
+            if waiting and self.sampler.read():
+                self.watchdog.feed()
+                self.advance()
+            return waiting
+        except SensorError as error:
+            self.fail(error)
+        return False
+
+    def spare(self, tick):
+        """What takes its time, one piece, now that no sample waits. False: nothing to do."""
+        if self.sampling() and self.checkpoint.due(self.state):
+            self.keep(self.checkpoint.save, self.state, self.sampler.period())
+            return True
+        return self.download.step(tick) or self.blackbox.step(tick)
 
     def advance(self):
         """One sample through the core, and the messages that it gives rise to."""
         state = self.state
+        sample = self.sampler.sample
+        if state[_MODE] and sample[_FLAGS] >> 8 > self.bridge:
+            self.log(_WARNING, "%d samples lost: going on with the next stance" % self.sampler.lost)
+            self.break_off()
         began = ticks_us()
-        events = navigator.tick(state, self.params, self.work, TABLES, self.sampler.sample)
+        events = navigator.tick(state, self.params, self.work, TABLES, sample)
         spent = ticks_diff(ticks_us(), began)
         if spent > self.worst:
             self.worst = spent
@@ -114,10 +199,39 @@ class Application:
         if due or self.snapshot_asked:
             self.snapshot_asked = False
             reports.snapshot(link, tick, state)
-        if tick % self.second == 0:
-            self.status()
         if events & navigator.LOCKED_OUT:
             self.log(_WARNING, "zero velocity taken for granted: the filter had been locked out")
+        if self.clock.follow(self.sampler):
+            # They hold from the next tick on.
+            reports.parameters(link, tick, self.params)
+        if tick % self.second == 0:
+            self.status()
+        if tick % self.check_ticks == 0 and not self.trust.keeps(state):
+            self.distrust()
+
+    def break_off(self):
+        """Navigation can't go on over a gap: it does with the next stance."""
+        navigator.resume(self.state)
+        self.show_state()
+
+    def show_state(self):
+        """The core goes on from another state: whoever follows it needs that."""
+        if self.sampling():
+            self.mode = self.expected()
+        reports.snapshot(self.link, self.state[_TICK], self.state)
+        self.status()
+
+    def expected(self):
+        """The mode in which samples leave the core as it is now."""
+        if self.state[_MODE]:
+            return messages.RUNNING
+        return messages.RESUMING if self.state[_RESUMED] else messages.ALIGNING
+
+    def distrust(self):
+        """The samples of late were none: the run has gone back to before them, with a gap."""
+        self.log(_WARNING, "the sensor had lost its settings: set up anew; check its supply")
+        self.show_state()
+        self.sampler.resume()
 
     def rest(self):
         """Once a second without samples: tell the host, try a failed sensor again."""
@@ -128,15 +242,18 @@ class Application:
                 self.retry()
             except SensorError as error:
                 self.fail(error)
+        self.watchdog.feed()
         self.status()
 
     def retry(self):
         """Go on where sampling broke off; SensorError where the sensor still fails."""
         if self.wanted and self.state[_TICK]:
             self.sampler.resume()
-            self.mode = messages.RUNNING if self.state[_MODE] else messages.ALIGNING
+            self.mode = self.expected()
+            if self.mode == messages.RUNNING:
+                self.break_off()
         else:
-            self.wake()
+            self.wake(True)
             if not self.wanted:
                 self.recovered()
 
@@ -153,24 +270,31 @@ class Application:
 
     def fail(self, error):
         """The sensor is out: say so once, and go on trying."""
-        self.mode = messages.FAULT
         self.beat = ticks_ms()
         if str(error) != self.complaint:
             self.complaint = str(error)
             self.log(_ERROR, self.complaint)
+        if self.mode != messages.FAULT:
+            self.mode = messages.FAULT
+            self.status()
 
-    def wake(self):
-        """Find the sensor, say who is here, sample if wanted. SensorError."""
-        self.sensor.wake()
+    def wake(self, test):
+        """Find the sensor, say who is here, sample if wanted. SensorError.
+
+        `test`: with the sensor's self-test, for which it has to lie still.
+        """
+        self.sensor.wake(test)
         self.announce()
         if not self.wanted:
             self.sensor.sleep()
             self.mode = messages.IDLE
             return
         rate = self.sampler.start()
-        self.mode = messages.ALIGNING
+        self.clock.restart()
+        self.trust.restart(self.state)
+        self.mode = self.expected()
         nominal = self.params[_RATE]
-        if abs(rate - nominal) * 100 > nominal:
+        if abs(rate - nominal) * 10 > nominal:
             self.log(
                 _WARNING,
                 "the sensor's nearest rate is %d mHz, the parameters are for %d" % (rate, nominal),
@@ -183,9 +307,8 @@ class Application:
         if self.failed_test and command in (messages.ASK_START, messages.ASK_STOP):
             result = messages.REFUSED
         elif action:
-            result = messages.DONE
             try:
-                action()
+                result = action() or messages.DONE
             except SensorError as error:
                 self.fail(error)
                 result = messages.REFUSED
@@ -195,31 +318,53 @@ class Application:
         tick = self.state[_TICK]
         # fmt: off
         reports.hello(
-            self.link, tick, self.params, self.pose_every, self.sensor.kind, self.board.name,
+            self.link, tick, self.params, self.pose_every, self.sensor, self.board.name,
             self.build, self.failed_test,
         )
         # fmt: on
         reports.parameters(self.link, tick, self.params)
 
+    def describe(self):
+        """What a file of the black box begins with."""
+        self.announce()
+        if self.settings["blackbox_samples"]:
+            self.ask_snapshot()
+
     def start(self):
         """A fresh static start."""
+        self.end_run()
         navigator.reset(self.state)
         self.wanted = True
-        self.wake()
+        self.wake(True)
 
     def stop(self):
         """Idle. A sensor that doesn't answer is no reason to go on."""
         self.wanted = False
         self.mode = messages.IDLE
         self.beat = ticks_ms()
+        self.end_run()
         try:
             self.sampler.stop()
         except SensorError as error:
             self.log(_WARNING, str(error))
 
+    def end_run(self):
+        """Nobody is to go on with it."""
+        self.keep(self.checkpoint.close, self.state, self.sampler.period())
+
+    def keep(self, write, *what):
+        """Let the checkpoint write something down; a flash that refuses is told once."""
+        try:
+            write(*what)
+            self.unsaved = False
+        except OSError as error:
+            if not self.unsaved:
+                self.log(_WARNING, "can't save the run to flash: %s" % error)
+            self.unsaved = True
+
     def ask_snapshot(self):
         """With the next tick; at once where none is to come."""
-        if self.mode == messages.ALIGNING or self.mode == messages.RUNNING:
+        if self.sampling():
             self.snapshot_asked = True
         else:
             reports.snapshot(self.link, self.state[_TICK], self.state)

@@ -2,8 +2,8 @@
 
 import json
 
-from solenav_core.params import NAMES
-from solenav_core.tables.defaults import PARAMS
+from solenav_core.params import NAMES, conflict
+from solenav_core.tables.defaults import LARGEST, LEAST, PARAMS
 
 _DEFAULTS = {
     "board": "boards.rp2_pico",
@@ -12,8 +12,21 @@ _DEFAULTS = {
     "send_samples": True,
     "snapshot_s": 10,
     "autostart": True,
+    "sampling": "fifo",
+    "dlpf": 1,
+    "compass": True,
+    "blackbox": "stop",
+    "blackbox_samples": False,
+    "watchdog": True,
+    "checkpoint_s": 10,
+    "resume": "always",
 }
-_RATES = (1000, 1_000_000)  # mHz that the sensor's divider and the timing can follow
+_CHOICES = {
+    "sampling": ("fifo", "ready"),
+    "dlpf": (1, 2, 3, 4, 5, 6),
+    "blackbox": ("off", "stop", "overwrite"),
+    "resume": ("always", "watchdog", "never"),
+}
 
 
 def load():
@@ -24,6 +37,8 @@ def load():
         if key not in _DEFAULTS:
             problems.append("config.json: there is no key %s" % key)
         elif type(value) is not type(_DEFAULTS[key]):
+            problems.append("config.json: %s can't be %r" % (key, value))
+        elif key in _CHOICES and value not in _CHOICES[key]:
             problems.append("config.json: %s can't be %r" % (key, value))
         elif type(value) is int and not 0 <= value <= 65535:
             problems.append("config.json: %s = %d is not 0 to 65535" % (key, value))
@@ -44,12 +59,20 @@ def _parameters(chosen, problems):
     for name, value in chosen.items():
         if name not in NAMES:
             problems.append("config.json: there is no parameter %s" % name)
-        elif type(value) is not int or not -(2**31) <= value < 2**31:
+        elif type(value) is not int:
             problems.append("config.json: parameter %s can't be %r" % (name, value))
-        elif name == "RATE_MHZ" and not _RATES[0] <= value <= _RATES[1]:
-            problems.append("config.json: RATE_MHZ = %d is not %d to %d" % ((value,) + _RATES))
+        elif not LEAST[NAMES.index(name)] <= value <= LARGEST[NAMES.index(name)]:
+            at = NAMES.index(name)
+            # Past them the core's words would wrap, its kernels leave their arrays.
+            problems.append(
+                "config.json: %s = %d is not %d to %d" % (name, value, LEAST[at], LARGEST[at])
+            )
         else:
             params[NAMES.index(name)] = value
+    wrong = conflict(params)
+    if wrong:
+        problems.append("config.json: %s: default parameters used" % wrong[0])
+        return PARAMS[:]
     return params
 
 

@@ -15,8 +15,11 @@ def main():
         application.run()
     except Exception as error:
         application.log(2, "%s: %s" % (type(error).__name__, error))
+        # Whoever wears the board can't start it again: the watchdog does, in 8 s.
+        application.watchdog.arm()
         raise
     finally:
+        application.blackbox.close()
         application.link.flush()
 
 

@@ -7,13 +7,13 @@ from struct import pack_into
 
 import machine
 import uctypes
+from bus import FAST, SLOW
 
 from solenav_core.framing import HEADER, PAYLOAD_MAX
 from solenav_core.messages import (
     FORMATS,
     HELLO,
     LOG,
-    NOT_TESTED,
     PARAMS,
     SAMPLE,
     SCHEMA,
@@ -24,16 +24,18 @@ from solenav_core.messages import (
 from solenav_core.params import NAMES
 
 _RATE = NAMES.index("RATE_MHZ")
+# SAMPLE with its time in two halves: a number above 2**30 would be allocated.
+_SAMPLE = "<HH" + FORMATS[SAMPLE][2:]
 
 
-def hello(link, tick, params, pose_every, kind, board, build, failed_test):
+def hello(link, tick, params, pose_every, sensor, board, build, failed_test):
     """Who is speaking. `build` is (hash, version) of the files on the board."""
     version = ".".join([str(n) for n in sys.implementation.version[:3]])
     text = "%s; %s; MicroPython %s" % (board, build[1], version)
     # fmt: off
     pack_into(
         FORMATS[HELLO], link.frame, HEADER, SCHEMA, build[0], crc32(params), params[_RATE],
-        pose_every, kind, machine.reset_cause() & 255, failed_test, NOT_TESTED,
+        pose_every, sensor.kind, machine.reset_cause() & 255, failed_test, sensor.test,
     )
     # fmt: on
     link.send(HELLO, tick, _append(link.frame, HEADER + SIZES[HELLO], text))
@@ -49,8 +51,8 @@ def sample(link, tick, sampler, temperature):
     m = sampler.sample
     # fmt: off
     pack_into(
-        FORMATS[SAMPLE], link.frame, HEADER, sampler.time, m[0], m[1], m[2], m[3], m[4], m[5],
-        m[6], m[7], m[8], temperature, m[9] & 255, m[9] >> 8,
+        _SAMPLE, link.frame, HEADER, sampler.time_low, sampler.time_high, m[0], m[1], m[2],
+        m[3], m[4], m[5], m[6], m[7], m[8], temperature, m[9] & 255, m[9] >> 8,
     )
     # fmt: on
     link.send(SAMPLE, tick, HEADER + SIZES[SAMPLE])
@@ -65,12 +67,14 @@ def status(link, tick, mode, sampler, temperature, worst):
     """Counters. Collects garbage first, so that the heap figure is what is really free."""
     gc.collect()
     dropped = link.outbox.dropped
+    box = link.blackbox
     # fmt: off
     pack_into(
         FORMATS[STATUS], link.frame, HEADER, mode, sampler.samples, sampler.overruns,
-        sampler.gaps, sampler.lost, 0, 0, sampler.bus_errors, sampler.recoveries, 400,
-        sampler.clipped, dropped[0], dropped[1], dropped[2], link.damaged, 0, 0, 0, temperature,
-        sampler.period(), worst, gc.mem_free(),
+        sampler.gaps, sampler.lost_samples, sampler.spikes, sampler.fifo_overflows,
+        sampler.bus_errors, sampler.recoveries, SLOW if sampler.slow else FAST, sampler.clipped,
+        dropped[0], dropped[1], dropped[2], link.damaged, link.refused, box.logged, box.lost,
+        temperature, sampler.period(), worst, gc.mem_free(),
     )
     # fmt: on
     link.send(STATUS, tick, HEADER + SIZES[STATUS])

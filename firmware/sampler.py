@@ -1,67 +1,210 @@
-"""When to read the sensor: data-ready interrupts, time stamps, lost samples, bus errors."""
+"""When to read the sensor, and what to make of what goes wrong there.
 
-from time import ticks_diff, ticks_us
+Data-ready interrupts and time stamps, lost samples, spikes, frozen data, bus errors.
+"""
 
+from errno import ETIMEDOUT
+from time import ticks_add, ticks_diff, ticks_us
+
+from bus import FAST, SLOW
 from machine import Pin
 from mpu9150 import SensorError
 
-from solenav_core.compat import const
+from solenav_core.compat import const, micropython, ptr32
 from solenav_core.navigator import new_sample
 
-_GAP_BEFORE = const(4)  # messages.GAP_BEFORE
-_LOST_MAX = const(127)  # messages.LOST_MAX
+# Of `messages`, for code that knows constants of its own file only.
+_CLIPPED = const(3)
+_GAP_BEFORE = const(4)
+_FLAGS = const(63)
+_SPIKE = const(32)  # no flag of SAMPLE
+_LOST_MAX = const(127)
+
+_ALIKE = const(256)  # mpu9150.ALIKE
 _I_FLAGS = const(9)
+
+# Failed transfers in a row after which the sensor is set up anew. The FIFO can wait: there the
+# first is followed by another at once, the others by one with each pulse.
 _FAILURES_MAX = const(3)
+_FIFO_FAILURES_MAX = const(6)
+_PROBES = const(20)  # reads of its identity that a bus must carry to be fast again
+_ATTEMPTS_MAX = const(2)  # times that it is, without a sample in between
 _SILENT_PERIODS = const(10)
-_FRACTION = const(14)  # bits of the learned period: 20 ms still fit a small int
-_GAIN = const(6)  # each difference moves the learned period by 1/64
+_TRUSTED = const(3)  # different samples in a row after frozen ones
+_PATIENCE = const(10)  # half seconds until a lost magnetometer is looked for again
+_SPIKES_MAX = const(3)  # in a row; a fourth is no spike
+
+_FRACTION = const(12)  # bits of the learned period: 256 ms still fit a small int
+_INTERVALS_MAX = const(4096)
+_INTERVALS_GOOD = const(64)
+_SINCE_MAX = const(1 << 29)  # µs: longest time between samples that is told from a longer one
+_SHORT = const(1 << 21)  # µs: in Q8 it fits a small int
+_SILENCE_MIN = const(50_000)  # µs
+
+# Each failed transfer is worth so many good ones; above the limit the bus is slowed down.
+_STRAIN = const(64)
+_STRAIN_MAX = const(512)
+_CALM = const(12000)  # samples without an error after which it may be fast again
+
+# Jumps from sample to sample that no foot makes, in counts. Over all 30 foot recordings of
+# ../shared/data (100 to 400 Hz; some of their sensors filter less than this one) the
+# accelerometer jumps by up to 52905 (26 g) in one sample and the gyro by up to 19492
+# (1190 °/s; 23774 in two). But what hits a foot moves all axes: no accelerometer axis
+# jumped by more than 3729 beyond 16 times the next largest jump of that sample, no gyro axis
+# by more than 48 (221 in two samples).
+_GYRO_MAX = const(28000)
+_ACC_LONE = const(8192)  # 4 g
+_GYRO_LONE = const(1024)  # 62 °/s
+_LONE = const(16)
+
+
+@micropython.viper
+def jumps(new: ptr32, old: ptr32) -> int:
+    """1 where `new` is no sample that can follow `old`."""
+    largest = 0
+    second = 0
+    which = 0
+    i = 0
+    while i < 6:
+        jump = new[i] - old[i]
+        if jump < 0:
+            jump = 0 - jump
+        if i > 2 and jump > _GYRO_MAX:
+            return 1
+        if jump > largest:
+            second = largest
+            largest = jump
+            which = i
+        elif jump > second:
+            second = jump
+        i = i + 1
+    excess = largest - _LONE * second
+    limit = _ACC_LONE
+    if which > 2:
+        limit = _GYRO_LONE
+    if excess > limit:
+        return 1
+    return 0
+
+
+@micropython.viper
+def adopt(new: ptr32, sample: ptr32, flags: int) -> int:
+    """The readings of `new` and the word of flags into the core's sample."""
+    i = 0
+    while i < _I_FLAGS:
+        sample[i] = new[i]
+        i = i + 1
+    sample[_I_FLAGS] = flags
+    return 0
 
 
 class Sampler:
-    """Reads one sample per data-ready pulse; counts everything that goes wrong.
+    """Samples in their order, one a `read`; counts everything that goes wrong.
 
-    After `read` has returned True: `sample` (counts), `time` (µs, modulo 2**32), `flags` (those
-    of SAMPLE). Nothing is allocated per sample while `time` is below 2**30.
+    After `read` has returned True: `sample` (the core's), `flags` (those of SAMPLE), `lost`
+    (samples lost just before this one), and its time in µs modulo 2**32, in halves: `time_high`,
+    `time_low`. Nothing is allocated per sample.
+
+    With `fifo` the sensor's FIFO says which samples there are, and the pulses when they were;
+    without, each pulse is a sample to be read before the next one.
     """
 
-    def __init__(self, sensor, pin, rate_mhz):
+    def __init__(self, sensor, pin, rate_mhz, fifo=True, dlpf=1, compass=True):
         self.sample = new_sample()
-        self.time = 0
+        self.time_high = 0
+        self.time_low = 0
         self.flags = 0
+        self.lost = 0
         self.samples = 0
         self.overruns = 0
         self.gaps = 0
-        self.lost = 0
-        self.bus_errors = 0
+        self.lost_samples = 0
         self.recoveries = 0
         self.clipped = 0
+        self.spikes = 0
+        self.frozen = 0
+        self.fifo_overflows = 0
+        self.intervals = 0  # that the learned period rests on
         self._sensor = sensor
+        self._bus = sensor.bus
         self._pin = pin
-        self._rate_mhz = rate_mhz
+        self._options = (rate_mhz, dlpf, fifo, compass)
+        self._new = new_sample()
         self._period = (1_000_000_000 << _FRACTION) // rate_mhz
+        self._rest = 0  # of the learned period: what division left
+        self._half_second = max(20, rate_mhz // 2000)  # samples
+        self._alike_max = max(5, rate_mhz // 8000)  # 1/8 s
         self._count = 0  # pulses, modulo 2**16
         self._stamp = 0  # ticks_us of the last pulse
-        self._seen = 0  # pulses whose sample was read or lost
-        self._last = ticks_us()
-        self._failures = 0
-        self._gap = False
+        self._seen = 0  # pulses that were looked at
+        self._ticks = ticks_us()  # to which time has been counted
+        self._since = 0  # µs from the last sample, read or lost, to `_ticks`
+        self._more = False  # samples wait in the FIFO
+        self._begun = False
+        self._sure = False  # the last sample's time is that of its own pulse
+        self._broken = False  # the FIFO doesn't go on where it ended: time tells what is lost
+        self._suspect = 0  # samples that were in the FIFO when a transfer broke off
+        self._suspected = 0  # pulses, then
         self._missing = 0  # samples lost since the last good one
+        self._row = 0  # spikes among them, in a row
+        self._alike = 0
+        self._stuck = 0  # different samples still to come after frozen ones
+        self._empty = 0
+        self._failures = 0
+        self._attempts = 0
+        self._strain = 0
+        self._errors = 0
+        self._calm = 0
+        self._patience = 0  # samples since something was made of the magnetometer's silence
         # Made once: a bound method made per call would be allocated anew.
         self._handler = self._on_pulse
+
+    @property
+    def time(self):
+        """Of the sample, µs modulo 2**32. Allocates above 2**30; the halves don't."""
+        return (self.time_high << 16) | self.time_low
+
+    @property
+    def bus_errors(self):
+        return self._bus.errors
+
+    @property
+    def slow(self):
+        """Whether the bus had to be slowed down."""
+        return self._bus.khz != FAST
 
     def start(self):
         """Sample afresh; the sensor must be awake. Returns its rate in mHz; SensorError."""
         self.samples = 0
-        self._gap = False
+        self._begun = False
         self._missing = 0
+        self._attempts = 0
         return self._run()
 
     def resume(self):
-        """Set the sensor up anew and go on, with a gap. SensorError where that fails."""
-        self._sensor.wake()
-        self._run()
-        self.recoveries += 1
-        self._gap = True
+        """Free the bus, set the sensor up anew and go on, with a gap.
+
+        At the fast clock, then at the slow one, then once more after its power was cut where a
+        pin can. SensorError where it fails all the same.
+        """
+        self._pin.irq(handler=None)
+        bus = self._bus
+        complaint = None
+        for khz in (FAST, SLOW, 0):
+            if not khz and not bus.power_cycle():
+                break
+            bus.open(khz or SLOW)
+            try:
+                self._sensor.wake()
+                if bus.khz == SLOW:
+                    self._try_fast()
+                self._run()
+            except SensorError as error:
+                complaint = error
+            else:
+                self.recoveries += 1
+                return
+        raise complaint
 
     def stop(self):
         """Put the sensor to sleep. SensorError where it doesn't answer."""
@@ -69,19 +212,106 @@ class Sampler:
         self._sensor.sleep()
 
     def ready(self):
-        """Whether a sample waits. SensorError after ten sample periods without a pulse."""
-        if self._count != self._seen:
+        """Whether a sample may wait.
+
+        After ten sample periods without a pulse the sensor is set up anew, twice; then SensorError.
+        """
+        if self._more or self._count != self._seen:
             return True
-        if ticks_diff(ticks_us(), self._last) > _SILENT_PERIODS * (self._period >> _FRACTION):
-            raise SensorError("no data-ready pulse for ten sample periods: check the INT wire")
+        silence = ticks_diff(ticks_us(), self._stamp)
+        if silence > _SILENT_PERIODS * (self._period >> _FRACTION) and silence > _SILENCE_MIN:
+            self._anew("no data-ready pulse for ten sample periods: check the INT wire")
         return False
 
     def read(self):
-        """Take the waiting sample; False where it was lost on the bus.
+        """Take a sample; False where there is none that is new and sound.
 
-        A failed transfer is tried once more. After three failures in a row the sensor is set up
-        anew; SensorError where that fails.
+        A failed transfer is tried again; after some failures in a row, or with data frozen to the
+        bit for 1/8 s, the sensor is set up anew; SensorError where that fails or has been tried
+        twice without a sample. A spike is dropped; so is every frozen sample once they are
+        known to be.
         """
+        self._watch_bus()
+        try:
+            flags = self._oldest() if self._sensor.fifo else self._newest()
+        except OSError as error:
+            self._fail(error.args[0] == ETIMEDOUT)
+            return False
+        if flags < 0 or self._is_frozen(flags):
+            return False
+        flags = self._without_spike(flags) & _FLAGS
+        if flags & _SPIKE:
+            return False
+        if flags & _CLIPPED:
+            self.clipped += 1
+        lost = self._missing
+        if lost:
+            flags |= _GAP_BEFORE
+            self.gaps += 1
+            self.lost_samples += lost
+        adopt(self._new, self.sample, flags | (min(lost, _LOST_MAX) << 8))
+        self.flags = flags
+        self.lost = lost
+        self.samples += 1
+        self._missing = 0
+        self._row = 0
+        self._attempts = 0
+        self._begun = True
+        self._check_compass()
+        return True
+
+    def period(self):
+        """The learned sample period, Q8 µs."""
+        return self._period >> (_FRACTION - 8)
+
+    def temperature(self):
+        """Of the sample read last: 340 counts a °C, 0 at 35 °C."""
+        return self._sensor.temperature()
+
+    def keep_time(self):
+        """Without samples: call this at least every few minutes, or `time` loses a wrap."""
+        self._pass_time(ticks_diff(ticks_us(), self._ticks))
+
+    def _run(self):
+        self._failures = 0
+        self._alike = 0
+        self._empty = 0
+        self._suspect = 0
+        self._break_off()
+        self.keep_time()
+        self._stamp = self._ticks
+        # Hard: the time stamp must not wait for the interpreter.
+        self._pin.irq(handler=self._handler, trigger=Pin.IRQ_RISING, hard=True)
+        rate_mhz, dlpf, fifo, compass = self._options
+        rate = self._sensor.sample(rate_mhz, dlpf, fifo, compass)
+        if self._count == self._seen:
+            self._stamp = ticks_us()  # silence counts from here
+        if not self.intervals:
+            self._period = (1_000_000_000 << _FRACTION) // rate
+        self._errors = self._bus.errors - self._sensor.compass.errors
+        return rate
+
+    def _try_fast(self):
+        """It may have been the sensor that wasn't there at the fast clock, not the bus."""
+        self._bus.open(FAST)
+        for _ in range(_PROBES):
+            if not self._sensor.answers():
+                self._bus.open(SLOW)
+                return
+
+    def _break_off(self):
+        """What the sensor has and what is known of it no longer fit."""
+        self._seen = self._count
+        self._more = False
+        self._sure = False
+        self._broken = True
+
+    def _on_pulse(self, _pin):
+        self._stamp = ticks_us()
+        self._count = (self._count + 1) & 0xFFFF
+
+    def _newest(self):
+        """The sample in the registers; its flags, or -1 where there was no pulse. OSError."""
         count = self._count
         stamp = self._stamp
         if count != self._count:
@@ -89,66 +319,222 @@ class Sampler:
             count = self._count
             stamp = self._stamp
         fresh = (count - self._seen) & 0xFFFF
+        if fresh == 0:
+            return -1
         self._seen = count
-        elapsed = self._pass_time(stamp)
-        if fresh > 1:
-            self.overruns += fresh - 1
-            self._missing += fresh - 1
-            self._gap = True
-        elif self.samples and not self._gap:
-            self._period += ((elapsed << _FRACTION) - self._period) >> _GAIN
-        if not self._transfer():
-            self._missing += 1
-            self._gap = True
-            return False
-        self.samples += 1
-        if self.flags:
-            self.clipped += 1
-        if self._gap:
-            self.flags |= _GAP_BEFORE
-            self.gaps += 1
-            self.lost += self._missing
-        self.sample[_I_FLAGS] = self.flags | (min(self._missing, _LOST_MAX) << 8)
-        self._gap = False
-        self._missing = 0
+        self._pass_time(ticks_diff(stamp, self._ticks))
+        missed = self._missing
+        self._account(self._steps(fresh), True)
+        self.overruns += self._missing - missed
+        self._missing += 1  # until it is here
+        try:
+            flags = self._sensor.read(self._new)
+        except OSError:
+            self._failures += 1
+            flags = self._sensor.read(self._new)
+        self._missing -= 1
+        self._failures = 0
+        return flags
+
+    def _oldest(self):
+        """The oldest sample in the FIFO; its flags, or -1 where there is none. OSError."""
+        sensor = self._sensor
+        count = 0
+        stamp = 0
+        waiting = 0
+        for _ in range(3):
+            count = self._count
+            waiting = sensor.waiting()
+            stamp = self._stamp
+            if count == self._count:
+                break  # no pulse in between: the newest sample is that of the stamp
+        fresh = (count - self._seen) & 0xFFFF
+        self._seen = count
+        if self._suspect:
+            if waiting != self._suspect + ((count - self._suspected) & 0xFFFF):
+                waiting = min(waiting, -2)  # part of a sample may be gone
+            self._suspect = 0
+        if waiting < 0:
+            if waiting == -1:
+                self.fifo_overflows += 1
+            self._break_off()
+            self._rely_on(sensor.drop)
+            return -1
+        if waiting == 0:
+            self._more = False
+            if fresh:
+                self._empty += 1
+                if self._empty >= _SILENT_PERIODS:
+                    self._anew("the sensor's FIFO stays empty: check its power")
+            return -1
+        try:
+            flags = sensor.take(self._new)
+        except OSError:
+            self._suspect = waiting
+            self._suspected = count
+            raise
+        self._failures = 0
+        self._empty = 0
+        self._more = waiting > 1
+        period = self._period >> _FRACTION
+        own = waiting == 1 and fresh == 1
+        # A stamp may be late, where interrupts had to wait, and then stand for many pulses: it
+        # counts where it is surely this sample's own.
+        elapsed = period
+        if own or self._broken:
+            elapsed = max(0, ticks_diff(stamp, self._ticks) - (waiting - 1) * period)
+        self._pass_time(elapsed)
+        self._account(self._steps(1) if self._broken else 1, own)
+        self._broken = False
+        return flags
+
+    def _pass_time(self, elapsed):
+        self._ticks = ticks_add(self._ticks, elapsed)
+        self._since = min(self._since + elapsed, _SINCE_MAX)
+        low = self.time_low + elapsed
+        self.time_low = low & 0xFFFF
+        self.time_high = (self.time_high + (low >> 16)) & 0xFFFF
+
+    def _steps(self, least):
+        """Sample periods since the last sample: how many samples there were, this one included.
+
+        A stamp may be late by most of a period, but not early. So time is rounded down, short of
+        what the period is known to.
+        """
+        since = self._since
+        period = self._period >> _FRACTION
+        if since >= _SHORT:
+            return max(since // period, least)
+        exact = self._period >> (_FRACTION - 8)
+        slack = exact >> 3
+        if self.intervals >= _INTERVALS_GOOD:
+            slack = (exact >> 6) + (since >> 3)  # 1/2048
+        return max(((since << 8) + slack) // exact, least)
+
+    def _account(self, steps, own):
+        """A sample came `steps` periods after the last; `own`: at the time of its own pulse."""
+        if not self._begun:
+            steps = 1
+        elif own and self._sure and steps == 1:
+            self._learn(self._since)
+        self._missing += steps - 1
+        self._sure = own
+        self._since = 0
+
+    def _learn(self, interval):
+        """Running mean of the sample period: each interval counts 1/n, n up to 4096."""
+        period = self._period
+        eighth = period >> (_FRACTION + 3)
+        if abs(interval - (period >> _FRACTION)) > eighth:
+            return  # a late stamp
+        n = min(self.intervals + 1, _INTERVALS_MAX)
+        self.intervals = n
+        change = (interval << _FRACTION) - period + self._rest
+        self._period = period + change // n
+        self._rest = change % n
+
+    def _is_frozen(self, flags):
+        """Whether the sample is one of frozen data; then it is lost.
+
+        Once they were frozen, it takes three different samples in a row to trust them again.
+        """
+        if not flags & _ALIKE:
+            self._alike = 0
+            if not self._stuck:
+                return False
+            self._stuck -= 1
+        else:
+            self._alike += 1
+            if self._alike < self._alike_max:
+                if not self._stuck:
+                    return False
+                self._stuck = _TRUSTED
+            else:
+                self._alike = 0
+                self._stuck = _TRUSTED
+                self.frozen += 1
+                self._missing += 1
+                self._anew("the sensor's data are frozen: check its power")
+                return True
+        self._missing += 1
         return True
 
-    def period(self):
-        """The learned sample period, Q8 µs."""
-        return self._period >> (_FRACTION - 8)
-
-    def keep_time(self):
-        """Without samples: call this at least every few minutes, or `time` loses a wrap."""
-        self._pass_time(ticks_us())
-
-    def _run(self):
-        self._failures = 0
-        self._seen = self._count
-        self._pass_time(ticks_us())
-        # Hard: the time stamp must not wait for the interpreter.
-        self._pin.irq(handler=self._handler, trigger=Pin.IRQ_RISING, hard=True)
-        return self._sensor.sample(self._rate_mhz)
-
-    def _on_pulse(self, _pin):
-        self._stamp = ticks_us()
-        self._count = (self._count + 1) & 0xFFFF
-
-    def _pass_time(self, stamp):
-        elapsed = ticks_diff(stamp, self._last)
-        self._last = stamp
-        self.time = (self.time + elapsed) & 0xFFFFFFFF
-        return elapsed
-
-    def _transfer(self):
-        for _ in range(2):
+    def _without_spike(self, flags):
+        """The flags of the sample; _SPIKE where it is one, which is counted then."""
+        adjacent = self._begun and self._missing == self._row < _SPIKES_MAX
+        if not adjacent or not jumps(self._new, self.sample):
+            return flags
+        if not self._sensor.fifo and self._count == self._seen:
+            # It is still there: read once more, a bit may have been lost on the way only.
             try:
-                self.flags = self._sensor.read(self.sample)
-                self._failures = 0
-                return True
+                healed = self._sensor.again(self._new)
+                if self._count == self._seen and not jumps(self._new, self.sample):
+                    return (flags & ~_CLIPPED) | (healed & _CLIPPED)
             except OSError:
-                self.bus_errors += 1
-                self._failures += 1
-            if self._failures >= _FAILURES_MAX:
-                self.resume()
-                break
-        return False
+                pass  # counted by the bus
+        self.spikes += 1
+        self._row += 1
+        self._missing += 1
+        return _SPIKE
+
+    def _check_compass(self):
+        """Find another way to a magnetometer that is silent, or one to it when it is back."""
+        sensor = self._sensor
+        self._patience += 1
+        if sensor.compass_is_lost(self._half_second):
+            self._patience = 0
+        elif self._patience < _PATIENCE * self._half_second:
+            return
+        else:
+            self._patience = 0
+            if not sensor.compass_is_back():
+                return
+        self._break_off()
+        self._rely_on(sensor.reroute)
+
+    def _watch_bus(self):
+        """Slow it down where transfers fail too often, and speed it up again after a while."""
+        bus = self._bus
+        # A magnetometer that is gone is no fault of the bus.
+        errors = bus.errors - self._sensor.compass.errors
+        if errors != self._errors:
+            self._strain += _STRAIN * (errors - self._errors)
+            self._errors = errors
+            self._calm = 0
+            if self._strain > _STRAIN_MAX:
+                self._strain = 0
+                if bus.khz != SLOW:
+                    bus.open(SLOW)
+        elif self._strain:
+            self._strain -= 1
+        elif bus.khz != FAST:
+            self._calm += 1
+            if self._calm >= _CALM:
+                self._calm = 0
+                bus.open(FAST)
+
+    def _fail(self, stuck):
+        """A transfer failed; `stuck`: for a line that stays low, which won't pass by itself."""
+        self._failures += 1
+        most = _FAILURES_MAX
+        if self._sensor.fifo:
+            most = _FIFO_FAILURES_MAX
+            self._seen = self._count
+            self._more = self._failures == 1
+        if self._failures >= most or stuck:
+            self._failures = 0
+            self._anew("the sensor's transfers fail: check SDA, SCL")
+
+    def _rely_on(self, action):
+        """Do what must not stay half done: else the sensor is set up anew."""
+        try:
+            action()
+        except SensorError as error:
+            self._anew(str(error))
+
+    def _anew(self, why):
+        """Set the sensor up anew; SensorError where that didn't help, or can't be done."""
+        self._attempts += 1
+        if self._attempts > _ATTEMPTS_MAX:
+            raise SensorError(why)
+        self.resume()

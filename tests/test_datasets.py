@@ -511,6 +511,78 @@ def test_pyshoe_without_reference_has_no_truth(tmp_path: Path) -> None:
     assert read(path, "pyshoe").truth is None
 
 
+def write_h5(folder: Path, accel: FloatArray, gyro: FloatArray, mag: FloatArray) -> Path:
+    """Files of an mpu6050 recording, arrays (n, 4) of time and axes; the accelerometer's path."""
+    h5py = pytest.importorskip("h5py")
+    for name, variable, array in (
+        ("mpu6050_accelerometer.mat", "accelBuffer", accel),
+        ("mpu6050_gyroscope.mat", "gyroBuffer", gyro),
+        ("hmc5883l_compass.mat", "compassBuffer", mag),
+    ):
+        with h5py.File(folder / name, "w") as file:
+            file[variable] = array.T
+    return folder / "mpu6050_accelerometer.mat"
+
+
+def mpu6050_arrays(n: int = 100) -> list[FloatArray]:
+    time = np.linspace(0, (n - 1) / 100, n)
+    time[4] += 0.004
+    slow = time[0] + np.arange(n // 2) / 50
+    return [
+        np.column_stack([time, np.tile([0.0, 0.0, -1.0], (n, 1))]),
+        np.column_stack([time, np.tile([1.0, 2.0, 3.0], (n, 1))]),
+        np.column_stack([slow, np.tile([0.2, 0.0, -0.4], (n // 2, 1))]),
+    ]
+
+
+def test_mpu6050_lays_out_bursts_evenly_in_the_accelerometers_axes(tmp_path: Path) -> None:
+    r = read(write_h5(tmp_path, *mpu6050_arrays()), "mpu6050")
+    np.testing.assert_allclose(np.diff(r.time_s), 0.01)
+    np.testing.assert_allclose(r.accel[0], [0, 0, 9.80665])
+    np.testing.assert_allclose(np.rad2deg(r.gyro[0]), [1, 2, 3])
+    assert r.mag is not None
+    np.testing.assert_allclose(r.mag[::2], np.tile([-20.0, 0, -40], (50, 1)))
+    assert np.isnan(r.mag[1::2]).all()
+    assert r.notes["folder"] == tmp_path.name
+
+
+def test_mpu6050_without_a_compass_has_no_field(tmp_path: Path) -> None:
+    path = write_h5(tmp_path, *mpu6050_arrays())
+    path.with_name("hmc5883l_compass.mat").unlink()
+    assert read(path, "mpu6050").mag is None
+
+
+def test_mpu6050_names_a_missing_gyro_file(tmp_path: Path) -> None:
+    path = write_h5(tmp_path, *mpu6050_arrays())
+    path.with_name("mpu6050_gyroscope.mat").unlink()
+    assert "mpu6050_gyroscope.mat does not exist" in fault(path, "mpu6050")
+
+
+def test_mpu6050_refuses_a_damaged_file_and_another_sensors(tmp_path: Path) -> None:
+    path = write_h5(tmp_path, *mpu6050_arrays())
+    assert "is not mpu6050_acc" in fault(path.with_name("mpu6050_gyroscope.mat"), "mpu6050")
+    path.write_bytes(path.read_bytes()[:200])
+    assert "not a readable .mat" in fault(path, "mpu6050")
+
+
+def test_the_tumbles_field_keeps_its_angle_to_gravity(data: Path) -> None:
+    pytest.importorskip("h5py")
+    folder = data / "static" / "mpu6050" / "full-sphere"
+    r = read(folder / "mpu6050_accelerometer.mat", "mpu6050")
+    assert len(r.time_s) == 10528
+    assert r.rate_hz == pytest.approx(99.05, abs=0.01)
+    assert r.mag is not None
+    known = ~np.isnan(r.mag[:, 0])
+    assert known.sum() > 8100
+    # Hard iron and scales as the tumble's ellipsoid has them.
+    field = (r.mag[known] - [0.56, 10.53, 1.26]) * [0.919, 0.874, 1.026]
+    force = r.accel[known]
+    cosine = (field * force).sum(axis=1)
+    cosine /= np.linalg.norm(field, axis=1) * np.linalg.norm(force, axis=1)
+    assert np.median(cosine) == pytest.approx(-0.91, abs=0.02)
+    assert cosine.std() < 0.06
+
+
 def test_without_scipy_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def no_module(name: str) -> None:
         raise ImportError(name)

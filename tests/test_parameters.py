@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 
 import pytest
 from hypothesis import given
@@ -65,3 +66,27 @@ def test_a_turn_and_a_gain_that_overflow_together_are_refused() -> None:
 def test_a_setting_that_a_word_cannot_hold_is_refused_by_name() -> None:
     with pytest.raises(SolenavError, match="RATE_MAX"):
         parameters.to_integers(parameters.Settings(rate_max_dps=2000.0), 200.0)
+
+
+@given(st.floats(53.0, 570.0), st.floats(0.96, 1.04))
+def test_a_clock_that_is_off_gets_its_own_parameters(rate: float, factor: float) -> None:
+    """What the board makes in integers is what the host makes in floats for the true rate."""
+    settings = parameters.Settings()
+    base = parameters.to_integers(settings, rate)
+    period_q8 = round(256e6 / rate * factor)
+    timed = array("i", base)
+    params.retimed(timed, base, period_q8)
+    wanted = parameters.to_integers(settings, 256e6 / period_q8)
+    for name, was, now, want in zip(params.NAMES, base, timed, wanted, strict=True):
+        if name in ("RATE_MHZ", "DT", "HALF_ANGLE", "GAMMA", "GAMMA2"):
+            # The nominal rate itself is a whole number of mHz.
+            assert now == pytest.approx(want, rel=2e-5, abs=1), name
+        else:
+            assert now == was, name
+    parameters.checked(list(timed))
+
+
+def test_the_nominal_period_changes_nothing() -> None:
+    timed = array("i", bytes(4 * len(PARAMS)))
+    params.retimed(timed, PARAMS, 5000 * 256)
+    assert timed == PARAMS

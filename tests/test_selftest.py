@@ -35,7 +35,7 @@ from solenav_core import (
 from solenav_core.tables.selftest import EXPECTED
 from solenav_tools.board import Samples, SimulatedBoard
 from solenav_tools.ports import open_port, read_some
-from solenav_tools.recorder import ask
+from solenav_tools.recorder import Asker
 
 MODULES: tuple[ModuleType, ...] = (
     align,
@@ -203,7 +203,7 @@ def test_a_board_that_fails_says_so_and_does_not_navigate() -> None:
     feed = Samples(np.arange(600) * 5000, counts, np.zeros(600, np.int16))
     frames: list[link.Frame] = []
     with _BrokenBoard(feed) as board, open_port(board.port) as port:
-        ask(port, messages.ASK_START)
+        Asker(port).ask(messages.ASK_START)
         end = time.monotonic() + 4
         reader = link.FrameReader()
         while time.monotonic() < end:

@@ -2,6 +2,8 @@
 
 from collections import namedtuple
 
-# i2c: bus of the sensor. ready: pin of its INT line. uart: link to the host, non-blocking.
-# name: for people, in HELLO. baud: of the UART.
-Board = namedtuple("Board", ("i2c", "ready", "uart", "name", "baud"))
+# open_bus: makes the sensor's I2C, given its clock in Hz, again and again. scl, sda: the numbers
+# of its pins, for freeing it. ready: pin of the sensor's INT line. uart: link to the host,
+# non-blocking. name: for people, in HELLO. baud: of the UART. power: number of the pin that
+# switches the sensor's supply, high for on; None where none does.
+Board = namedtuple("Board", ("open_bus", "scl", "sda", "ready", "uart", "name", "baud", "power"))

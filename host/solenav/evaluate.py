@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solenav.capture.contents import Capture, Table
+from solenav.capture.order import POSITION_M, VELOCITY_MPS, counted, leaping
 from solenav.errors import SolenavError
 from solenav.recording import FloatArray, Truth
 
@@ -129,7 +130,8 @@ class Evaluation:
     """What is known of a walk. `distance_m` is the sum of the step lengths.
 
     `duration_s` runs from the first pose to the last. After `restarts` of the board the figures
-    are those of the last run. `truth` is None where there is none.
+    are those of the last run. `left_out` poses leap away from all others (`last_run`). `truth` is
+    None where there is none.
     """
 
     steps: int
@@ -138,6 +140,7 @@ class Evaluation:
     poses: int
     closure: Closure
     restarts: int = 0
+    left_out: int = 0
     truth: TruthErrors | None = None
 
     def as_dict(self) -> dict[str, Any]:
@@ -158,7 +161,8 @@ def evaluate(capture: Capture, *, align: str = "auto", require_truth: bool = Fal
         raise SolenavError(f"unknown alignment {align!r}", f"choose one of {', '.join(ALIGNMENTS)}")
     truth = capture.truth
     run, restarts = last_run(capture)
-    walk = replace(measure(run, truth), restarts=restarts)
+    left_out = sum(run.damaged.values()) - sum(capture.damaged.values())
+    walk = replace(measure(run, truth), restarts=restarts, left_out=left_out)
     if truth is None or not len(truth.time_s):
         if require_truth:
             raise SolenavError(f"{capture.path} has no truth to compare with", _NEED_TRUTH)
@@ -177,8 +181,10 @@ def measure(run: Capture, truth: Truth | None) -> Evaluation:
     east, north, up = (positions[-1] - positions[0]).tolist()
     horizontal = math.hypot(east, north)
     return Evaluation(
-        # The differences wrap as the counter does, so that their sum doesn't.
-        steps=int(rows["steps"][0]) + int(np.diff(rows["steps"]).sum(dtype=np.int64)),
+        # The differences wrap as the counter does, so that their sum doesn't; signed, so that
+        # one damaged count cancels out.
+        steps=int(rows["steps"][0])
+        + int(np.diff(rows["steps"]).view(np.int16).sum(dtype=np.int64)),
         distance_m=distance,
         duration_s=float(time_s[-1] - time_s[0]),
         poses=len(rows),
@@ -246,14 +252,16 @@ def lay(
 def last_run(capture: Capture) -> tuple[Capture, int]:
     """What a capture holds from the board's last start on, and how often it started again.
 
-    Ticks count from each start, so only within one do they tell the time.
+    Ticks count from each start, so only within one do they tell the time. Poses whose position or
+    velocity leaps away from those on both sides and back are left out and counted in `damaged`:
+    they were damaged in a way that their CRC doesn't see.
     """
     starts = [
         table.order[1:][np.diff(table.tick) < 0] for table in (capture.samples, capture.poses)
     ]
     restarts = max(len(orders) for orders in starts)
     if not restarts:
-        return capture, 0
+        return _without_leaps(capture), 0
     # Samples come before the poses: where both are there, theirs is the earlier.
     start = int(min(orders[-1] for orders in starts if len(orders) == restarts))
     later = replace(
@@ -264,12 +272,23 @@ def last_run(capture: Capture) -> tuple[Capture, int]:
         aligns=_since(capture.aligns, start),
         statuses=_since(capture.statuses, start),
     )
-    return later, restarts
+    return _without_leaps(later), restarts
 
 
 def _since(table: Table, order: int) -> Table:
-    kept = table.order >= order
-    return Table(table.rows[kept], table.tick[kept], table.order[kept])
+    return table.where(table.order >= order)
+
+
+def _without_leaps(capture: Capture) -> Capture:
+    poses = capture.poses
+    found = {
+        "position out of reach": leaping(capture.positions(), poses.tick, POSITION_M),
+        "velocity out of reach": leaping(poses.rows["velocity"] / 2**24, poses.tick, VELOCITY_MPS),
+    }
+    bad = np.logical_or.reduce(list(found.values()))
+    if not bad.any():
+        return capture
+    return replace(capture, poses=poses.where(~bad), damaged=capture.damaged + counted(found))
 
 
 def _near(wanted_s: FloatArray, time_s: FloatArray) -> NDArray[np.bool_]:

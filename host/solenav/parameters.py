@@ -25,7 +25,6 @@ from solenav_core import params
 __all__ = ["Settings", "checked", "named", "replace", "to_integers"]
 
 REFERENCE_RATE_HZ = 200.0
-_MOUNT = ("MOUNT_R", "MOUNT_F", "MOUNT_U")
 HALF_TURN = math.pi / 2**16 * 2**30  # Q30 rad of half the angle that is one in 2**16 of a turn
 
 
@@ -93,6 +92,7 @@ def _limits() -> dict[str, tuple[int, int]]:
     limits |= {
         **calibrations.LIMITS,
         "HALF_ANGLE": (1, 54_000_000),
+        "RATE_MHZ": (1000, 1_000_000),  # what the divider of the sensor and the timing can follow
         "DT": (1, 2**25),
         "YAW_W": (-word, word),
         "YAW_Z": (-word, word),
@@ -248,30 +248,11 @@ def checked(values: list[int]) -> array[int]:
                 f"parameter {name} = {value} is outside {low} to {high}",
                 "choose a setting that the core's word can hold",
             )
-    found = named(array("i", values))
-    # Rounding may take the two an ulp past a unit.
-    if found["YAW_W"] ** 2 + found["YAW_Z"] ** 2 > (2**30 + 1) ** 2:
-        raise SolenavError(
-            "parameters YAW_W and YAW_Z are no rotation: their squares sum to more than 1",
-            "make them the cosine and sine of half the initial heading, times 2**30",
-        )
-    mount = [abs(found[name]) for name in _MOUNT]
-    if any(mount) and sorted(mount) != [1, 2, 3]:
-        raise SolenavError(
-            "parameters MOUNT_R, MOUNT_F and MOUNT_U name an axis twice or not at all",
-            "give each of the sensor's axes once (1 x, 2 y, 3 z, negative turned round), or all 0",
-        )
-    if any(mount) and np.linalg.det(_mounting([found[name] for name in _MOUNT])) < 0:
-        raise SolenavError(
-            "parameters MOUNT_R, MOUNT_F and MOUNT_U are left-handed",
-            "turn one of the axes round",
-        )
-    if found["STILL_RATE"] * found["STILL_GAIN"] >= 2**25:
-        raise SolenavError(
-            "parameters STILL_RATE and STILL_GAIN together overflow the core's word",
-            "lower the still rate or lengthen the still time constant",
-        )
-    return array("i", values)
+    found = array("i", values)
+    wrong = params.conflict(found)
+    if wrong:
+        raise SolenavError(f"parameters {wrong[0]}", wrong[1])
+    return found
 
 
 def _mounting(axes: Sequence[int]) -> FloatArray:

@@ -23,11 +23,19 @@ SNAPSHOT = 0x07
 STATUS = 0x08
 LOG = 0x09
 ACK = 0x0A
+FILE = 0x0B
+FILE_DATA = 0x0C
+FILE_CHECK = 0x0D
 
 ASK_HELLO = 0x40
 ASK_START = 0x41
 ASK_STOP = 0x42
 ASK_SNAPSHOT = 0x43
+ASK_LISTEN = 0x44
+ASK_FILES = 0x45
+ASK_DATA = 0x46
+ASK_CHECK = 0x47
+ASK_ERASE = 0x48
 
 # SAMPLE flags
 CLIPPED_ACC = 1
@@ -227,10 +235,81 @@ MESSAGES = (
             ("result", "B", 1, "", "0 done, 1 done before, 2 unknown, 3 refused"),
         ),
     ),
+    (
+        FILE,
+        "FILE",
+        "for each file of the black box when asked for; with a count of 0 where there is none",
+        (
+            ("index", "H", 1, "", "its place in the list, oldest first"),
+            ("count", "H", 1, "", "files in all"),
+            ("number", "I", 1, "", "its name; grows from file to file"),
+            ("size", "I", 1, "bytes", "of the file"),
+            ("free", "I", 1, "bytes", "left for the black box, less what it keeps in reserve"),
+            ("longest", "I", 1, "µs", "the black box's longest flash access since power-up"),
+        ),
+    ),
+    (
+        FILE_DATA,
+        "FILE_DATA",
+        "a piece of a file, when asked for",
+        (
+            ("number", "I", 1, "", "the file"),
+            ("offset", "I", 1, "bytes", "where the piece goes"),
+            ("data", "*", 0, "", "the file's bytes: frames, as on the wire"),
+        ),
+    ),
+    (
+        FILE_CHECK,
+        "FILE_CHECK",
+        "when asked for and computed",
+        (
+            ("number", "I", 1, "", "the file"),
+            ("size", "I", 1, "bytes", "of the file"),
+            ("crc", "I", 1, "", "CRC-32 of the whole file"),
+        ),
+    ),
     (ASK_HELLO, "ASK_HELLO", "command: send HELLO and PARAMS", ()),
     (ASK_START, "ASK_START", "command: start afresh with a static start", ()),
     (ASK_STOP, "ASK_STOP", "command: stop sampling", ()),
     (ASK_SNAPSHOT, "ASK_SNAPSHOT", "command: send a SNAPSHOT after the next tick", ()),
+    (
+        ASK_LISTEN,
+        "ASK_LISTEN",
+        "command: somebody listens; without it for 5 s the black box records",
+        (),
+    ),
+    (
+        ASK_FILES,
+        "ASK_FILES",
+        "command: send FILE for each file from an index on",
+        (("index", "H", 1, "", "of the first"),),
+    ),
+    (
+        ASK_DATA,
+        "ASK_DATA",
+        "command: send a stretch of a file as FILE_DATA; ends one asked for before",
+        (
+            ("number", "I", 1, "", "the file"),
+            ("offset", "I", 1, "bytes", "from where"),
+            ("length", "I", 1, "bytes", "how much, at most to its end"),
+        ),
+    ),
+    (
+        ASK_CHECK,
+        "ASK_CHECK",
+        "command: compute and send FILE_CHECK",
+        (("number", "I", 1, "", "the file"),),
+    ),
+    (
+        ASK_ERASE,
+        "ASK_ERASE",
+        "command: erase a file; refused unless its last FILE_CHECK said the same",
+        (
+            ("number", "I", 1, "", "the file"),
+            ("size", "I", 1, "bytes", "of the file"),
+            ("crc", "I", 1, "", "CRC-32 of the whole file"),
+        ),
+    ),
 )
 
 # Types whose frames every version can read: they carry the standard CRC seed.

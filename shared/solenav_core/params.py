@@ -105,3 +105,59 @@ PARAM_FIELDS = (
 )
 
 NAMES = tuple([field[0] for field in PARAM_FIELDS])
+
+_AXES = ("MOUNT_R", "MOUNT_F", "MOUNT_U")
+
+
+def conflict(params):
+    """What is wrong between parameters each of which is in range, and what to do; or None."""
+    found = {NAMES[i]: params[i] for i in range(len(NAMES))}
+    # Rounding may take the two an ulp past a unit.
+    if found["YAW_W"] ** 2 + found["YAW_Z"] ** 2 > (2**30 + 1) ** 2:
+        return (
+            "YAW_W and YAW_Z are no rotation: their squares sum to more than 1",
+            "make them the cosine and sine of half the initial heading, times 2**30",
+        )
+    right, front, up = [found[name] for name in _AXES]
+    if right or front or up:
+        if sorted((abs(right), abs(front), abs(up))) != [1, 2, 3]:
+            return (
+                "MOUNT_R, MOUNT_F and MOUNT_U name an axis twice or not at all",
+                "give each of the sensor's axes once (1 x, 2 y, 3 z, negative turned round)"
+                ", or all 0",
+            )
+        # Right times front is up, or down in a mirror; each swap and each sign turns that round.
+        order = (abs(right), abs(front), abs(up)) in ((1, 2, 3), (2, 3, 1), (3, 1, 2))
+        if (right * front * up > 0) != order:
+            return ("MOUNT_R, MOUNT_F and MOUNT_U are left-handed", "turn one of the axes round")
+    if found["STILL_RATE"] * found["STILL_GAIN"] >= 2**25:
+        return (
+            "STILL_RATE and STILL_GAIN together overflow the core's word",
+            "lower the still rate or lengthen the still time constant",
+        )
+    return None
+
+
+_PER_TICK = ("HALF_ANGLE", "GAMMA")
+
+
+def retimed(params, base, period_q8):
+    """`base`, made for the sample rate in its RATE_MHZ, for samples every `period_q8` / 256 µs.
+
+    Into `params`, an array of the same length. What follows the period exactly is scaled: RATE_MHZ,
+    DT, HALF_ANGLE, GAMMA, GAMMA2. What only counts samples or noise stays: a clock is off by a few
+    per cent. Products pass 31 bits: not for the tick.
+    """
+    for i in range(len(base)):
+        params[i] = base[i]
+    rate = base[NAMES.index("RATE_MHZ")]
+    # The period over the nominal one is period_q8 * rate / one.
+    one = 256 * 10**9
+    ratio = period_q8 * rate
+    params[NAMES.index("RATE_MHZ")] = (one + period_q8 // 2) // period_q8
+    params[NAMES.index("DT")] = ((period_q8 << 23) // 10**6 + 1) >> 1
+    for name in _PER_TICK:
+        at = NAMES.index(name)
+        params[at] = (base[at] * ratio + one // 2) // one
+    at = NAMES.index("GAMMA2")
+    params[at] = (base[at] * ratio * ratio + one * one // 2) // (one * one)

@@ -22,6 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solenav.errors import SolenavError
+from solenav.sim.board.faults import problem
+from solenav.sim.board.machine import RESTARTS
 from solenav.sim.feed_file import RECORD, write_feed
 from solenav_tools.micropython import find_micropython
 from solenav_tools.ports import BAUD
@@ -33,6 +35,9 @@ if sys.platform != "win32":
     import tty
 
 SENSORS = ("MPU-9150", "MPU-6050", "none")
+FLASH_SETTINGS = ("capacity", "torn")
+
+_RESTARTS_MAX = 1000  # a firmware that restarts for ever before the recording begins
 
 
 class Samples(NamedTuple):
@@ -41,6 +46,7 @@ class Samples(NamedTuple):
     time_us: NDArray[np.int64]
     counts: NDArray[np.int16]
     temperature: NDArray[np.int16]
+    mag: NDArray[np.int16] | None = None
 
 
 class SimulatedBoard:
@@ -53,8 +59,14 @@ class SimulatedBoard:
 
     `feed`: a feed file or samples. `config`: keys of the firmware's config.json. `realtime`:
     simulated time is never ahead of the wall clock. `sensor`: one of SENSORS. `baud`: of the
-    simulated UART. `nacks`: times (from, to) in µs of the feed at which nothing on the sensor's
-    bus answers.
+    simulated UART. `faults`: a script as `solenav.sim.board.faults` describes it. `flash`:
+    `capacity` in bytes, `torn` (`solenav.sim.board.flash`).
+
+    A watchdog reset, machine.reset() or power cut is a process that ends; the next one goes on
+    over the same folder (the flash) and port. `restarts` says why each began: "reset",
+    "watchdog" or "power". After a process has ended `rejected` holds the writes that the sensor
+    didn't take so far, and `report` the state that it left: among others "flash", how many
+    operations on it there were and how many bytes were written.
     """
 
     def __init__(
@@ -65,11 +77,20 @@ class SimulatedBoard:
         *,
         sensor: str = SENSORS[0],
         baud: int = BAUD,
-        nacks: Sequence[tuple[int, int]] = (),
+        faults: Sequence[Mapping[str, Any]] = (),
+        flash: Mapping[str, Any] | None = None,
     ) -> None:
         if sensor not in SENSORS:
             raise SolenavError(
                 f"no simulated sensor {sensor!r}", f"choose one of {', '.join(SENSORS)}"
+            )
+        for fault in faults:
+            if wrong := problem(dict(fault)):
+                raise SolenavError(f"no fault that can be simulated: {wrong}", "change the script")
+        if unknown := set(flash or {}) - set(FLASH_SETTINGS):
+            raise SolenavError(
+                f"the simulated flash has no setting {sorted(unknown)[0]!r}",
+                f"choose from {', '.join(FLASH_SETTINGS)}",
             )
         self._feed = feed
         self._config = dict(config or {})
@@ -77,10 +98,13 @@ class SimulatedBoard:
             "sensor": sensor,
             "baud": baud,
             "realtime": realtime,
-            "nacks": [list(pair) for pair in nacks],
+            "faults": [dict(fault) for fault in faults],
+            "flash": dict(flash or {}),
         }
         self.port = ""
         self.stderr = ""
+        self.restarts: list[str] = []
+        self.report: dict[str, Any] = {}
         self._process: subprocess.Popen[bytes] | None = None
         self._stopped = False
         self._closing = threading.Event()
@@ -142,8 +166,8 @@ class SimulatedBoard:
         """Switch the board off, at once."""
         with self._lock:
             self._closing.set()
+            self._stopped = not self._ended.is_set()
             if self._process and self._process.poll() is None:
-                self._stopped = True
                 self._process.terminate()
         self._thread.join()
         self._folder.cleanup()
@@ -192,11 +216,32 @@ class SimulatedBoard:
         fcntl.ioctl(self._master, termios.TIOCPKT, struct.pack("i", 0))
         return came
 
+    @property
+    def rejected(self) -> list[tuple[int, int, int, int, str]]:
+        """(time in µs since power-up, address, register, value, reason) of each."""
+        sensor = self.report.get("sensor") or {"rejected": []}
+        return [tuple(entry) for entry in sensor["rejected"]]
+
+    @property
+    def folder(self) -> Path:
+        """The flash, as a folder; it is there until the board is closed."""
+        return Path(self._folder.name)
+
     def _switched_on(self) -> bool:
-        """Run the firmware to its end; False when closing."""
-        folder = Path(self._folder.name)
+        """Run the firmware to its end, through all restarts; False when closing."""
+        while self._lived():
+            code = self._process.returncode if self._process else 0
+            if code not in RESTARTS or len(self.restarts) >= _RESTARTS_MAX:
+                break
+            self.restarts.append(RESTARTS[code])
+        self._ended.set()
+        return not self._closing.is_set()
+
+    def _lived(self) -> bool:
+        """Run the firmware until its process ends; False when closing."""
+        folder = self.folder
         errors = folder / "stderr"
-        with self._lock, errors.open("wb") as stderr:
+        with self._lock, errors.open("ab") as stderr:
             if self._closing.is_set():
                 return False
             self._process = subprocess.Popen(
@@ -209,8 +254,10 @@ class SimulatedBoard:
             )
         self._process.wait()
         self.stderr = errors.read_text(encoding="utf-8", errors="replace")
-        self._ended.set()
-        return True
+        state = folder / "board.state"
+        if state.is_file():
+            self.report = json.loads(state.read_text(encoding="utf-8"))
+        return not self._closing.is_set()
 
     def _let_client_read(self) -> None:
         """Until the port's input has stayed empty, or closing."""

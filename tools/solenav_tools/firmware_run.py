@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from solenav import link, parameters, replay
 from solenav.capture import Capture, CaptureWriter
@@ -12,16 +13,27 @@ from solenav_tools.board import Samples, SimulatedBoard
 from solenav_tools.ports import PortVanished, open_port, read_some
 
 
-def board_for(source: Capture, *, pose_every: int, realtime: bool = False) -> SimulatedBoard:
+def board_for(
+    source: Capture,
+    *,
+    pose_every: int,
+    realtime: bool = False,
+    config: Mapping[str, Any] | None = None,
+    **options: Any,
+) -> SimulatedBoard:
     """A board whose sensor measures the capture's samples, with the capture's parameters.
 
-    SolenavError where the capture has no samples or parameters.
+    `config`: more keys of the firmware's config.json. `options`: SimulatedBoard's. SolenavError
+    where the capture has no samples or parameters.
     """
     source.need_samples()
     samples = replay.samples_of(source)
-    config = {"params": parameters.named(source.params[0][1]), "pose_every": pose_every}
-    feed = Samples(samples.time_us, samples.counts, samples.temperature)
-    return SimulatedBoard(feed, config, realtime)
+    params = parameters.named(source.params[0][1])
+    settings = {"params": params, "pose_every": pose_every, **(config or {})}
+    # Captures without a compass have zeros.
+    mag = samples.mag if samples.mag.any() else None
+    feed = Samples(samples.time_us, samples.counts, samples.temperature, mag)
+    return SimulatedBoard(feed, settings, realtime, **options)
 
 
 def run(

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
+from rich.markup import escape
 from rich.panel import Panel
 from rich.table import Table
 
@@ -44,7 +45,7 @@ class Live:
         if self._seq >= 0 and item.kind != messages.HELLO:
             self.lost += (item.seq - self._seq - 1) % 256
         self._seq = item.seq
-        self.tick = max(self.tick, item.tick) if item.tick != 1 else 1
+        self.tick = item.tick
         if item.kind == messages.HELLO:
             self.hello = unpack(item)
         elif item.kind == messages.POSE:
@@ -95,7 +96,7 @@ class Live:
         table.add_column(justify="right", style="bold")
         table.add_column()
         for key, value in self.values().items():
-            table.add_row(key, value)
+            table.add_row(key, escape(value))
         stale = self.stale(now)
         age = f" [red]no data for {now - self.heard:.0f} s[/]" if stale and self.frames else ""
         if not self.frames:

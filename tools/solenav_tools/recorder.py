@@ -9,24 +9,44 @@ from collections.abc import Callable, Iterator
 import serial
 
 from solenav.capture import CaptureWriter
-from solenav.link import Damage, Frame, FrameReader, FrameWriter
+from solenav.link import Damage, Frame, FrameReader, command
 from solenav_core import messages
 from solenav_tools.ports import read_some, send
 
+LISTEN_S = 2.0  # the board records by itself when it has heard nothing for 5 s
 
-def ask(port: serial.Serial, *commands: int) -> None:
-    """Send commands to the board.
+
+class Asker:
+    """Sends commands, and every 2 s that somebody listens.
 
     The first seq is drawn: a board answers the same command with the same seq only once.
     """
-    frames = FrameWriter(random.randrange(256))
-    for command in commands:
-        send(port, frames.frame(command, 0))
+
+    def __init__(self, port: serial.Serial) -> None:
+        self._port = port
+        self._seq = random.randrange(256)
+        self._listened = -LISTEN_S
+
+    def ask(self, kind: int, *values: int) -> int:
+        """Send a command; its seq. PortVanished."""
+        self._seq = (self._seq + 1) & 255
+        send(self._port, command(kind, self._seq, *values))
+        return self._seq
+
+    def listen(self) -> None:
+        """Call it often. PortVanished."""
+        now = time.monotonic()
+        if now - self._listened >= LISTEN_S:
+            self._listened = now
+            self.ask(messages.ASK_LISTEN)
 
 
 def join_in(port: serial.Serial) -> None:
     """Ask a running board for all that a recording needs to be verified from here on."""
-    ask(port, messages.ASK_HELLO, messages.ASK_SNAPSHOT)
+    asker = Asker(port)
+    asker.listen()
+    asker.ask(messages.ASK_HELLO)
+    asker.ask(messages.ASK_SNAPSHOT)
 
 
 def stream(
@@ -34,13 +54,15 @@ def stream(
     writer: CaptureWriter | None,
     until: Callable[[], bool] = lambda: False,
 ) -> Iterator[Frame | Damage | None]:
-    """What the board sends, frame by frame; None after a quiet 50 ms.
+    """What the board sends, frame by frame; None after a quiet 50 ms. Tells it that we listen.
 
     Every byte goes to `writer` before anybody looks at it. Ends when `until` says so;
     PortVanished where the other end goes away.
     """
     reader = FrameReader()
+    asker = Asker(port)
     while not until():
+        asker.listen()
         data = read_some(port)
         if not data:
             yield None

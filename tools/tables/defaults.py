@@ -1,4 +1,6 @@
-"""Write `solenav_core/tables/defaults.py`: the parameters at 200 Hz, or check that it is current.
+"""Write `solenav_core/tables/defaults.py`: the parameters at 200 Hz and the limits of each.
+
+Or check that it is current.
 
 python tools/tables/defaults.py [--check]
 """
@@ -19,19 +21,23 @@ TARGET = Path(__file__).resolve().parents[2] / "shared/solenav_core/tables/defau
 def render() -> str:
     values = parameters.to_integers(parameters.Settings(), parameters.REFERENCE_RATE_HZ)
     lines = [
-        '"""Default parameters at 200 Hz. Written by tools/tables/defaults.py: do not edit."""',
+        '"""Parameters at 200 Hz, and the least and largest that keep the core\'s words in range.',
+        "",
+        "Written by tools/tables/defaults.py: do not edit.",
+        '"""',
         "",
         "from array import array",
         "",
-        "PARAMS = array(",
-        '    "i",',
-        "    [",
-        *[f"        {v},  # {n}" for n, v in zip(params.NAMES, values, strict=True)],
-        "    ],",
-        ")",
-        "",
+        *table("PARAMS", list(values)),
+        *table("LEAST", [parameters.LIMITS[name][0] for name in params.NAMES]),
+        *table("LARGEST", [parameters.LIMITS[name][1] for name in params.NAMES]),
     ]
     return "\n".join(lines)
+
+
+def table(name: str, values: list[int]) -> list[str]:
+    rows = [f"        {v},  # {n}" for n, v in zip(params.NAMES, values, strict=True)]
+    return [f"{name} = array(", '    "i",', "    [", *rows, "    ],", ")", ""]
 
 
 if __name__ == "__main__":

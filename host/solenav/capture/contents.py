@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from array import array
 from collections import Counter
 from dataclasses import dataclass, field
@@ -12,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solenav import parameters
+from solenav.capture import order as ordering
 from solenav.capture.file import scan
 from solenav.capture.sidecar import read_sidecar, read_truth
 from solenav.errors import SolenavError
@@ -48,10 +51,18 @@ class Table:
     def __len__(self) -> int:
         return len(self.tick)
 
+    def where(self, kept: NDArray[np.bool_]) -> Table:
+        """The rows where `kept` (n,) is True."""
+        return Table(self.rows[kept], self.tick[kept], self.order[kept])
+
 
 @dataclass
 class Capture:
-    """Everything that a capture holds, as received; nothing repaired."""
+    """Everything that a capture holds, as received; nothing repaired.
+
+    Left out and counted in `damaged` is what isn't whole, what came twice, and what has a tick that
+    the frames around it contradict (`solenav.capture.order`).
+    """
 
     path: Path
     sidecar: dict[str, Any]
@@ -91,7 +102,10 @@ class Capture:
         )
 
     def need_samples(self) -> None:
-        """SolenavError unless there are samples and the parameters that they ran with."""
+        """SolenavError unless there are samples and the parameters that they ran with.
+
+        Parameters outside their limits are an error as well: the core doesn't check its indices.
+        """
         self.need_schema()
         if not len(self.samples):
             raise SolenavError(
@@ -103,6 +117,8 @@ class Capture:
                 f"{self.path} has no PARAMS message: what the core ran with is unknown",
                 "record from the board's start, or with a recorder that asks for it",
             )
+        for _order, values in self.params:
+            parameters.checked(values.tolist())
 
     def need_schema(self) -> None:
         """SolenavError where the firmware spoke another schema than this host."""
@@ -171,8 +187,14 @@ def words(
 
 
 def unwrap(time_us: NDArray[Any]) -> FloatArray:
-    """Board time stamps (µs modulo 2**32, in order) to seconds without wraps."""
-    steps = np.diff(time_us.astype(np.int64)).astype(np.int64) % 2**32
+    """Board time stamps (µs modulo 2**32, in order) to seconds without wraps.
+
+    A single stamp that those around it contradict counts as half-way between them.
+    """
+    stamps = time_us.astype(np.int64)
+    astray = np.flatnonzero(ordering.untimely(stamps))
+    stamps[astray] = stamps[astray - 1] + (stamps[astray + 1] - stamps[astray - 1]) % 2**32 // 2
+    steps = np.diff(stamps) % 2**32
     return np.concatenate([[0.0], np.cumsum(steps)]) * 1e-6 + float(time_us[0]) * 1e-6
 
 
@@ -189,7 +211,7 @@ class _Fragments:
             self.tick = frame.tick
             self.data = bytearray()
         if frame.tick != self.tick or part["offset"] != len(self.data):
-            self.tick = -1  # a fragment is missing
+            self.tick = -1  # a fragment is missing, or came twice
             return None
         self.data += part["data"]
         return bytes(self.data) if len(self.data) == part["total"] else None
@@ -211,7 +233,8 @@ def load(path: Path) -> Capture:
     arrivals: list[float] = []
     records, cut_off = scan(path)
     for arrival, data in records:
-        arrivals = [arrivals[0] if arrivals else arrival, arrival]
+        if math.isfinite(arrival):
+            arrivals = [arrivals[0] if arrivals else arrival, arrival]
         for item in reader.feed(data):
             order += 1
             if isinstance(item, Damage):
@@ -235,10 +258,22 @@ def load(path: Path) -> Capture:
         for kind in _TABLES
     ]
     out.samples, out.poses, out.steps, out.aligns, out.statuses = tables
+    _sift(out)
     out.cut_off_bytes = cut_off
     if arrivals:
         out.arrival = (arrivals[0], arrivals[1])
     return out
+
+
+def _sift(out: Capture) -> None:
+    """Leave out and count frames that came twice, and ticks that the frames around contradict."""
+    for name in ("samples", "poses", "steps", "aligns"):
+        table: Table = getattr(out, name)
+        found = ordering.misplaced(table.rows, table.tick, table.order)
+        bad = np.logical_or.reduce(list(found.values()))
+        if bad.any():
+            out.damaged += ordering.counted(found)
+            setattr(out, name, table.where(~bad))
 
 
 def _empty(kind: int) -> Table:
@@ -259,6 +294,7 @@ def _keep(out: Capture, frame: Frame, order: int, fragments: dict[int, _Fragment
         if whole is None:
             return
         if frame.kind == messages.SNAPSHOT:
-            out.snapshots.append((order, frame.tick, whole))
+            if len(whole) == 4 * layout.size(layout.STATE_FIELDS):
+                out.snapshots.append((order, frame.tick, whole))
         elif len(whole) == 4 * len(messages.NAMES):
             out.params.append((order, array("i", whole)))

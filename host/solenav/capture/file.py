@@ -3,6 +3,9 @@
 A header of 8 bytes, then records ``arrival f64 (s), length u16, bytes``, little-endian, appended
 and flushed one by one: after a crash, a full disk or a pulled cable everything up to the last
 whole record is there. A record holds any piece of the stream; frames may span records.
+
+A record's header has no check of its own. Where one is damaged, the chain of lengths breaks; the
+reader then looks for the place where a chain goes on, and gives what is between as it stands.
 """
 
 from __future__ import annotations
@@ -12,11 +15,22 @@ from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO
 
+import numpy as np
+
 from solenav.errors import SolenavError
+from solenav.link import Frame, FrameReader
 
 MAGIC = b"SOLCAP1\n"
 _RECORD = struct.Struct("<dH")
 _RECORD_MAX = 65535
+# So many headers in a row, each where the one before says, with times that go on, are no accident.
+_CHAIN = 4
+# Seconds from one record to the next, at most, for a header to be recognised after damage.
+_PAUSE_MAX = 3600.0
+_ARRIVAL_MIN, _ARRIVAL_MAX = 1e-6, 1e11
+_BLOCK = 1 << 16
+_DOUBTED = 3  # records before a broken length that may have a part in it
+_NEAR = 16  # records around damage that are looked at to judge how it is best read
 
 
 class CaptureWriter:
@@ -69,7 +83,11 @@ class CaptureWriter:
         self._file.close()
 
 
-def scan(path: Path) -> tuple[list[tuple[float, bytes]], int]:
+Records = tuple[list[tuple[float, bytes]], int]
+"""Arrival times (s) with the bytes that came, and how many bytes of an unfinished record."""
+
+
+def scan(path: Path) -> Records:
     """The capture's records, and how many bytes of an unfinished one stand at its end.
 
     What is there of an unfinished record comes as the last one. SolenavError where the file is
@@ -88,16 +106,172 @@ def scan(path: Path) -> tuple[list[tuple[float, bytes]], int]:
             f"{path} is no solenav capture (it begins with {data[:8]!r})",
             "make captures with `solenav record`, `simulate` or `import`",
         )
-    records = []
-    at = len(MAGIC)
-    while at + _RECORD.size <= len(data):
-        arrival, length = _RECORD.unpack_from(data, at)
-        start = at + _RECORD.size
-        records.append((arrival, data[start : start + length]))
-        if start + length > len(data):
-            break
-        at = start + length
-    return records, len(data) - at
+    return _Scan(data).records()
+
+
+class _Scan:
+    """The walk along the headers of a capture's bytes."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+        self._found = (0, 0)  # from, to: no chain begins in between, one begins at `to`
+
+    def records(self) -> Records:
+        """What `scan` returns: by the lengths alone unless looking for damage finds more frames."""
+        plain = self._by_lengths(len(MAGIC), len(self.data))
+        if not plain[1] and _in_order(plain[0]):
+            return plain
+        mended = self._by_chains()
+        return mended if _frames(mended[0]) > _frames(plain[0]) else plain
+
+    def _by_chains(self) -> Records:
+        """The records, where a length that leads astray is mended by the next chain."""
+        data = self.data
+        out: list[tuple[float, bytes]] = []
+        begins: list[int] = []
+        settled = 0
+        at = len(MAGIC)
+        while at + _RECORD.size <= len(data):
+            arrival, length = _RECORD.unpack_from(data, at)
+            start = at + _RECORD.size
+            end = start + length
+            if end == len(data) or self._follows(arrival, end) or self._chained(end):
+                out.append((arrival, data[start:end]))
+                begins.append(at)
+                at = end
+                continue
+            found = self._next_chain(start)
+            # A length may have led to something like a header: look from a few records before.
+            since = max(len(out) - _DOUBTED, settled)
+            records, left, at = self._mended([*begins, at][since], found, out[:since][-_NEAR:])
+            out[since:] = records
+            settled = len(out)
+            begins[since:] = [at] * len(records)
+            if at == len(data):
+                return out, left
+        return out, len(data) - at
+
+    def _mended(
+        self, at: int, found: int, before: list[tuple[float, bytes]]
+    ) -> tuple[list[tuple[float, bytes]], int, int]:
+        """The best reading from `at` to the chain at `found`, what is left over, where to go on.
+
+        The frames that come out whole decide, with those that reach in from before and out to
+        behind. The chain's own first header may be an accident, so it is doubted as well.
+        """
+        choices = self._between(at, found)
+        stop = found
+        if found < len(self.data):
+            arrival, length = _RECORD.unpack_from(self.data, found)
+            start = found + _RECORD.size
+            stop = min(start + length, len(self.data))
+            first = arrival, self.data[start:stop]
+            choices = [([*records, first], left) for records, left in choices]
+            choices += self._between(at, stop)
+        after = self._by_lengths(stop, stop + _RECORD_MAX)[0][:_NEAR]
+        records, left = max(choices, key=lambda choice: _frames([*before, *choice[0], *after]))
+        return records, left, stop
+
+    def _follows(self, arrival: float, at: int) -> bool:
+        """Whether a header at `at` goes on from a record that arrived at `arrival`."""
+        if at + _RECORD.size > len(self.data):
+            return False
+        later, length = _RECORD.unpack_from(self.data, at)
+        return length > 0 and 0 < later < _ARRIVAL_MAX and 0 <= later - arrival <= _PAUSE_MAX
+
+    def _between(self, at: int, found: int) -> list[Records]:
+        """What the bytes from the header at `at` to the chain at `found` may be.
+
+        The lengths are right and only times are wrong; or one of the next lengths is wrong and
+        all that follows is data; or it leads to a header that is damaged and to be left out.
+        """
+        choices: list[Records] = []
+        by_lengths = self._by_lengths(at, found)
+        if not by_lengths[1] or found == len(self.data):
+            choices.append(by_lengths)
+        sound: list[tuple[float, bytes]] = []
+        for _ in range(_DOUBTED + 1):
+            if at + _RECORD.size > found:
+                break
+            arrival, length = _RECORD.unpack_from(self.data, at)
+            start = at + _RECORD.size
+            end = start + length
+            choices.append(([*sound, (arrival, self.data[start:found])], 0))
+            if end + _RECORD.size > found:
+                break
+            parted = self.data[start:end] + self.data[end + _RECORD.size : found]
+            choices.append(([*sound, (arrival, parted)], 0))
+            sound.append((arrival, self.data[start:end]))
+            at = end
+        return choices
+
+    def _chained(self, at: int) -> bool:
+        """Whether a chain of sound headers begins at `at`.
+
+        At the file's end two will do, or one whose record ends there to the byte.
+        """
+        last = 0.0
+        for count in range(_CHAIN):
+            if at + _RECORD.size > len(self.data):
+                return count >= 2 or (count == 1 and at == len(self.data))
+            arrival, length = _RECORD.unpack_from(self.data, at)
+            likely = arrival == 0 or _ARRIVAL_MIN < arrival < _ARRIVAL_MAX
+            follows = count == 0 or 0 <= arrival - last <= _PAUSE_MAX
+            if not (length and likely and follows):
+                return False
+            last = arrival
+            at += _RECORD.size + length
+        return True
+
+    def _next_chain(self, start: int) -> int:
+        """Where the first chain at or after `start` begins; the end of the file if none does."""
+        searched, found = self._found
+        if not searched <= start <= found:
+            found = self._search(start)
+            self._found = start, found
+        return found
+
+    def _search(self, start: int) -> int:
+        for block in range(start, len(self.data) - _RECORD.size + 1, _BLOCK):
+            piece = np.frombuffer(self.data[block : block + _BLOCK + 7], np.uint8)
+            windows = np.lib.stride_tricks.sliding_window_view(piece, 8)
+            times = np.ascontiguousarray(windows).view("<f8")[:, 0]
+            with np.errstate(invalid="ignore"):
+                likely = (times == 0) | ((times > _ARRIVAL_MIN) & (times < _ARRIVAL_MAX))
+            for offset in np.flatnonzero(likely).tolist():
+                if self._chained(block + offset):
+                    return block + int(offset)
+        return len(self.data)
+
+    def _by_lengths(self, at: int, stop: int) -> Records:
+        """The records between two places as their lengths say, and what is left of a last one."""
+        data = self.data[:stop]
+        out = []
+        while at + _RECORD.size <= len(data):
+            arrival, length = _RECORD.unpack_from(data, at)
+            start = at + _RECORD.size
+            out.append((arrival, data[start : start + length]))
+            if start + length > len(data):
+                break
+            at = start + length
+        return out, len(data) - at
+
+
+def _in_order(records: list[tuple[float, bytes]]) -> bool:
+    """Whether these have the times of a sound file: nobody looks for damage then."""
+    times = np.array([arrival for arrival, _data in records])
+    with np.errstate(invalid="ignore"):
+        steps = np.diff(times)
+        return bool(
+            (np.abs(times) < _ARRIVAL_MAX).all() and ((steps >= 0) & (steps <= _PAUSE_MAX)).all()
+        )
+
+
+def _frames(records: list[tuple[float, bytes]]) -> int:
+    """How many frames are intact in a stream."""
+    reader = FrameReader()
+    items = (item for _arrival, data in records for item in reader.feed(data))
+    return sum(isinstance(item, Frame) for item in items)
 
 
 def read_records(path: Path) -> list[tuple[float, bytes]]:

@@ -10,7 +10,7 @@ import csv
 import json
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from solenav.errors import SolenavError
 from solenav.recording import FloatArray, Truth
 
 _POSITION = ["east_m", "north_m", "up_m"]
+_FARTHEST = 1e8
 _VELOCITY = ["vel_e", "vel_n", "vel_u"]
 
 
@@ -48,7 +49,7 @@ def read_sidecar(capture: Path) -> dict[str, Any]:
         content = json.loads(sidecar_path(capture).read_text(encoding="utf-8"))
     except FileNotFoundError:
         return {}
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise SolenavError(
             f"{sidecar_path(capture)} can't be read: {error}", "mend or delete it"
         ) from None
@@ -85,20 +86,45 @@ def read_truth(capture: Path) -> Truth | None:
         return Truth(np.empty(0), empty, frame=frame, closed_loop=closed) if closed else None
     try:
         with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
+            names, rows = _whole_rows(file)
         table = {
             name: np.array([float(row[name]) if row[name] else np.nan for row in rows])
-            for name in (rows[0] if rows else ["time_s", *_POSITION])
+            for name in names
         }
         position = _stack(table, _POSITION)
         velocity = _stack(table, _VELOCITY) if "vel_e" in table else None
         stance = table["stance"] > 0.5 if "stance" in table else None
-        return Truth(table["time_s"], position, velocity, stance, frame, closed)
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        time_s = table["time_s"]
+        if not (np.diff(time_s) >= 0).all() or not np.isfinite(time_s).all():
+            raise ValueError("its times run backwards or aren't known")
+        for values in (position,) if velocity is None else (position, velocity):
+            if (np.abs(values) > _FARTHEST).any():
+                raise ValueError("it holds numbers that are no metres on this planet")
+        return Truth(time_s, position, velocity, stance, frame, closed)
+    except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
         raise SolenavError(
             f"{path} is no truth table: {error}",
             "it needs the columns time_s, east_m, north_m, up_m; delete it to go without",
         ) from None
+
+
+def _whole_rows(file: TextIO) -> tuple[list[str], list[dict[str, str]]]:
+    """The table's columns and rows; not a last row that was cut off.
+
+    ValueError where a row has another number of cells than the heading.
+    """
+    lines = file.readlines()
+    # Our own tables end each line with both characters; others may leave out the last line's end.
+    if len(lines) > 1 and lines[0].endswith("\r\n") and not lines[-1].endswith("\r\n"):
+        lines.pop()
+    reader = csv.DictReader(lines)
+    rows = list(reader)
+    if rows and None in rows[-1].values() and not lines[-1].endswith("\n"):
+        rows.pop()
+    for row in rows:
+        if None in row or None in row.values():
+            raise ValueError("a row has more or fewer cells than the heading")
+    return list(reader.fieldnames or []), rows
 
 
 def _stack(table: dict[str, FloatArray], names: list[str]) -> FloatArray:

@@ -62,10 +62,11 @@ def _samples(capture: Capture) -> dict[str, Any]:
     flags = capture.samples.rows["flags"]
     stamps = unwrap(capture.samples.rows["time"])
     steps = np.diff(stamps)[np.diff(ticks) == 1]
+    period = float(np.mean(steps)) if len(steps) else 0.0
     return {
         "count": len(ticks),
         "duration_s": round(float(stamps[-1] - stamps[0]), 3),
-        "measured_rate_hz": round(1 / float(np.mean(steps)), 3) if len(steps) else None,
+        "measured_rate_hz": round(1 / period, 3) if period else None,
         "gaps": len(lost),
         "missing": int(lost.sum()),
         "longest_gap": int(lost.max()) if len(lost) else 0,

@@ -1,4 +1,4 @@
-"""Readers of public foot-mounted recordings, one module per format.
+"""Readers of public recordings, on feet and on tables, one module per format.
 
 None of the sets was made with an MPU-9150; `solenav.mpu9150.to_counts` makes counts of them.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
-from solenav.datasets import gaitmap, llio, openshoe, pyshoe, xio
+from solenav.datasets import gaitmap, llio, mpu6050, openshoe, pyshoe, xio
 from solenav.errors import SolenavError
 from solenav.recording import Recording
 
@@ -25,6 +25,7 @@ FORMATS: dict[str, Reader] = {
     "pyshoe": pyshoe.read,
     "xio": xio.read,
     "gaitmap": gaitmap.read,
+    "mpu6050": mpu6050.read,
 }
 
 

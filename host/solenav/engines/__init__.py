@@ -16,11 +16,19 @@ from numpy.typing import NDArray
 
 from solenav.errors import SolenavError
 from solenav_core import navigator
-from solenav_core.layout import STATE_FIELDS, offsets
+from solenav_core.layout import STATE_FIELDS, WINDOW_MAX, offsets
 from solenav_core.tables.lookup import TABLES
 
 NAMES = ("pure", "checked", "fast", "thumb")
-_MODE = offsets(STATE_FIELDS)["MODE"]
+_AT = offsets(STATE_FIELDS)
+_MODE = _AT["MODE"]
+# Words of the state that lead into arrays, and their largest values.
+_INDICES = (
+    (_AT["RING_HEAD"], WINDOW_MAX - 1),
+    (_AT["RING_FILL"], WINDOW_MAX),
+    (_AT["RNG"], 65535),
+    (_AT["RNG"] + 1, 65535),
+)
 
 
 class Engine:
@@ -99,10 +107,18 @@ class Engine:
         return self.state.tobytes()
 
     def restore(self, snapshot: bytes) -> None:
-        """Continue from a snapshot. ValueError where its size is not the state's."""
+        """Continue from a snapshot.
+
+        ValueError where its size is not the state's, or a word that the core uses as an index is
+        none: compiled kernels don't check.
+        """
         if len(snapshot) != 4 * len(self.state):
             raise ValueError(f"snapshot of {len(snapshot)} bytes, state of {4 * len(self.state)}")
-        for i, word in enumerate(array("i", snapshot)):
+        words = array("i", snapshot)
+        for at, top in _INDICES:
+            if not 0 <= words[at] <= top:
+                raise ValueError(f"word {at} = {words[at]} is outside 0 to {top}")
+        for i, word in enumerate(words):
             self.state[i] = word
 
 

@@ -15,8 +15,9 @@ NAMES = {kind: name for kind, name, _when, _fields in messages.MESSAGES}
 FIELDS = {kind: fields for kind, _name, _when, fields in messages.MESSAGES}
 _HEADER = struct.Struct("<BBI")
 _CRC = struct.Struct("<H")
-# Garbage without a delimiter must not grow without end; no frame is longer than this.
+# Garbage without a delimiter must not grow without end; no frame is longer than `_FRAME_MAX`.
 _LONGEST = 4 * framing.PAYLOAD_MAX
+_FRAME_MAX = _HEADER.size + framing.PAYLOAD_MAX + _CRC.size + 1
 
 
 class Frame(NamedTuple):
@@ -43,6 +44,14 @@ def encode(kind: int, seq: int, tick: int, payload: bytes = b"") -> bytes:
     """The bytes of a frame on the wire, delimiter included."""
     body = _HEADER.pack(kind, seq & 255, tick) + payload
     return cobs.encode(body + _CRC.pack(crc_hqx(body, _seed(kind)))) + b"\0"
+
+
+def command(kind: int, seq: int, *values: int) -> bytes:
+    """The bytes of a command with its fields in the schema's order.
+
+    A delimiter goes before it, so that what somebody left unfinished on the line can't spoil it.
+    """
+    return b"\0" + encode(kind, seq, 0, struct.pack(messages.FORMATS[kind], *values))
 
 
 def decode(stuffed: bytes) -> Frame | Damage:
@@ -84,8 +93,38 @@ def unpack(frame: Frame) -> dict[str, Any]:
     return out
 
 
+# Stuffed bytes of the types that always have the same size.
+_STUFFED = {
+    kind: _HEADER.size + size + _CRC.size + 1
+    for kind, size in messages.SIZES.items()
+    if not _open_ended(kind)
+}
+
+
+def _joined(stuffed: bytes) -> Iterator[Frame | Damage]:
+    """What two delimiters hold where that is no frame: perhaps one behind noise, or two frames.
+
+    A lost delimiter must not cost the frame after it. Only a frame with the type and the size of
+    that type at the very end counts, and one before it only together with that.
+    """
+    for kind, size in _STUFFED.items():
+        if len(stuffed) <= size or stuffed[1 - size] != kind:
+            continue
+        tail = decode(stuffed[-size:])
+        if isinstance(tail, Frame):
+            rest = stuffed[:-size]
+            heads = [decode(rest), decode(rest[:-1])]  # the delimiter is gone, or another byte
+            yield next((head for head in heads if isinstance(head, Frame)), heads[0])
+            yield tail
+            return
+    yield decode(stuffed)
+
+
 class FrameReader:
-    """Splits a byte stream into frames. One damaged byte costs at most the frame that it hit."""
+    """Splits a byte stream into frames. One damaged byte costs at most the frame that it hit.
+
+    The delimiter counts as a part of the frame that it ends.
+    """
 
     def __init__(self) -> None:
         self._rest = b""
@@ -95,10 +134,15 @@ class FrameReader:
         *whole, self._rest = (self._rest + data).split(b"\0")
         for stuffed in whole:
             # Two delimiters in a row are what a sender uses to say "from here".
-            if stuffed:
-                yield decode(stuffed)
+            if not stuffed:
+                continue
+            item = decode(stuffed)
+            if isinstance(item, Frame):
+                yield item
+            else:
+                yield from _joined(stuffed)
         if len(self._rest) > _LONGEST:
-            lost, self._rest = self._rest, b""
+            lost, self._rest = self._rest[:-_FRAME_MAX], self._rest[-_FRAME_MAX:]
             yield Damage(lost, "no delimiter")
 
     def close(self) -> Iterator[Damage]:

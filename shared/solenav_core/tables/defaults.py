@@ -1,4 +1,7 @@
-"""Default parameters at 200 Hz. Written by tools/tables/defaults.py: do not edit."""
+"""Parameters at 200 Hz, and the least and largest that keep the core's words in range.
+
+Written by tools/tables/defaults.py: do not edit.
+"""
 
 from array import array
 
@@ -101,5 +104,209 @@ PARAMS = array(
         30,  # STEP_SWING
         8,  # STEP_STANCE
         1,  # SEED
+    ],
+)
+
+LEAST = array(
+    "i",
+    [
+        1000,  # RATE_MHZ
+        0,  # ACC_XX
+        -1200,  # ACC_XY
+        -1200,  # ACC_XZ
+        -1200,  # ACC_YX
+        0,  # ACC_YY
+        -1200,  # ACC_YZ
+        -1200,  # ACC_ZX
+        -1200,  # ACC_ZY
+        0,  # ACC_ZZ
+        -2097152,  # ACC_BX
+        -2097152,  # ACC_BY
+        -2097152,  # ACC_BZ
+        0,  # GYRO_XX
+        -1000,  # GYRO_XY
+        -1000,  # GYRO_XZ
+        -1000,  # GYRO_YX
+        0,  # GYRO_YY
+        -1000,  # GYRO_YZ
+        -1000,  # GYRO_ZX
+        -1000,  # GYRO_ZY
+        0,  # GYRO_ZZ
+        -134217728,  # GYRO_BX
+        -134217728,  # GYRO_BY
+        -134217728,  # GYRO_BZ
+        0,  # MAG_XX
+        -4096,  # MAG_XY
+        -4096,  # MAG_XZ
+        -4096,  # MAG_YX
+        0,  # MAG_YY
+        -4096,  # MAG_YZ
+        -4096,  # MAG_ZX
+        -4096,  # MAG_ZY
+        0,  # MAG_ZZ
+        -32768,  # MAG_BX
+        -32768,  # MAG_BY
+        -32768,  # MAG_BZ
+        -3,  # MOUNT_R
+        -3,  # MOUNT_F
+        -3,  # MOUNT_U
+        1,  # HALF_ANGLE
+        1,  # DT
+        -1073741823,  # YAW_W
+        -1073741823,  # YAW_Z
+        2,  # ALIGN_TICKS
+        2,  # ALIGN_MIN
+        0,  # ALIGN_ACC
+        0,  # ALIGN_RATE
+        1,  # BIAS_MAX
+        0,  # ACC_MIN
+        0,  # ACC_MAX
+        1,  # RATE_MAX
+        0,  # VAR_MAX
+        1,  # WINDOW
+        0,  # UNREST_RATE
+        0,  # UNREST_ACC
+        0,  # UNREST_GROWTH
+        0,  # UNREST_MAX
+        0,  # UNREST_SURE
+        1,  # STILL_RATE
+        0,  # STILL_TICKS
+        0,  # STILL_GAIN
+        0,  # GAMMA
+        0,  # GAMMA2
+        0,  # Q_VV_H
+        0,  # Q_VV_U
+        0,  # Q_TT
+        0,  # FREEZE_TICKS
+        0,  # P_VV_0
+        0,  # P_TT_0
+        2048,  # R
+        2,  # LIKELIHOOD
+        0,  # M2_MAX
+        -16777216,  # LOG_FLOOR
+        0,  # M_A
+        1,  # M_B
+        0,  # K_E
+        0,  # K
+        0,  # HEAVY_MIN
+        0,  # LOCKOUT_TICKS
+        0,  # LOCKOUT_MIN
+        0,  # P_VV_H1
+        0,  # BRIDGE_TICKS
+        2,  # RESUME_TICKS
+        0,  # RESUME_ACC
+        1,  # RESUME_RATE
+        0,  # MAG_GAIN
+        0,  # MAG_BIAS_GAIN
+        0,  # MAG_NORM_TOL
+        0,  # MAG_DIP_TOL
+        0,  # MAG_ERR_MAX
+        0,  # MAG_ALIGN
+        -32768,  # DECLINATION
+        0,  # STEP_SWING
+        1,  # STEP_STANCE
+        1,  # SEED
+    ],
+)
+
+LARGEST = array(
+    "i",
+    [
+        1000000,  # RATE_MHZ
+        24000,  # ACC_XX
+        1200,  # ACC_XY
+        1200,  # ACC_XZ
+        1200,  # ACC_YX
+        24000,  # ACC_YY
+        1200,  # ACC_YZ
+        1200,  # ACC_ZX
+        1200,  # ACC_ZY
+        24000,  # ACC_ZZ
+        2097152,  # ACC_BX
+        2097152,  # ACC_BY
+        2097152,  # ACC_BZ
+        18000,  # GYRO_XX
+        1000,  # GYRO_XY
+        1000,  # GYRO_XZ
+        1000,  # GYRO_YX
+        18000,  # GYRO_YY
+        1000,  # GYRO_YZ
+        1000,  # GYRO_ZX
+        1000,  # GYRO_ZY
+        18000,  # GYRO_ZZ
+        134217728,  # GYRO_BX
+        134217728,  # GYRO_BY
+        134217728,  # GYRO_BZ
+        16384,  # MAG_XX
+        4096,  # MAG_XY
+        4096,  # MAG_XZ
+        4096,  # MAG_YX
+        16384,  # MAG_YY
+        4096,  # MAG_YZ
+        4096,  # MAG_ZX
+        4096,  # MAG_ZY
+        16384,  # MAG_ZZ
+        32768,  # MAG_BX
+        32768,  # MAG_BY
+        32768,  # MAG_BZ
+        3,  # MOUNT_R
+        3,  # MOUNT_F
+        3,  # MOUNT_U
+        54000000,  # HALF_ANGLE
+        33554432,  # DT
+        1073741823,  # YAW_W
+        1073741823,  # YAW_Z
+        32767,  # ALIGN_TICKS
+        32767,  # ALIGN_MIN
+        1073741823,  # ALIGN_ACC
+        1073741823,  # ALIGN_RATE
+        1600,  # BIAS_MAX
+        1073741823,  # ACC_MIN
+        1073741823,  # ACC_MAX
+        26000,  # RATE_MAX
+        1073741823,  # VAR_MAX
+        31,  # WINDOW
+        16777216,  # UNREST_RATE
+        4194304,  # UNREST_ACC
+        536870912,  # UNREST_GROWTH
+        32512,  # UNREST_MAX
+        32512,  # UNREST_SURE
+        26000,  # STILL_RATE
+        1073741823,  # STILL_TICKS
+        65535,  # STILL_GAIN
+        1073741823,  # GAMMA
+        1073741823,  # GAMMA2
+        268435456,  # Q_VV_H
+        268435456,  # Q_VV_U
+        1073741823,  # Q_TT
+        1073741823,  # FREEZE_TICKS
+        1073741823,  # P_VV_0
+        1073741823,  # P_TT_0
+        4194304,  # R
+        1048576,  # LIKELIHOOD
+        1073741823,  # M2_MAX
+        0,  # LOG_FLOOR
+        16384,  # M_A
+        16384,  # M_B
+        1048576,  # K_E
+        16384,  # K
+        100,  # HEAVY_MIN
+        1073741823,  # LOCKOUT_TICKS
+        1073741823,  # LOCKOUT_MIN
+        1073741823,  # P_VV_H1
+        60,  # BRIDGE_TICKS
+        32767,  # RESUME_TICKS
+        1073741823,  # RESUME_ACC
+        32767,  # RESUME_RATE
+        16384,  # MAG_GAIN
+        65535,  # MAG_BIAS_GAIN
+        256,  # MAG_NORM_TOL
+        256,  # MAG_DIP_TOL
+        32767,  # MAG_ERR_MAX
+        1,  # MAG_ALIGN
+        32767,  # DECLINATION
+        1073741823,  # STEP_SWING
+        1073741823,  # STEP_STANCE
+        1073741823,  # SEED
     ],
 )

@@ -14,6 +14,7 @@ from solenav.errors import SolenavError
 from solenav_tools.cli import (
     calibrate,
     compare,
+    download,
     evaluate,
     import_recording,
     info,
@@ -42,6 +43,7 @@ app.command("replay")(replay.replay)
 app.command("run-firmware")(run_firmware.run_firmware)
 app.command("record")(record.record)
 app.command("monitor")(monitor.monitor)
+app.command("download")(download.download)
 app.command("info")(info.info)
 app.command("verify")(verify.verify)
 app.command("matrix")(matrix.matrix)

@@ -9,7 +9,7 @@ import typer
 
 from solenav import capture
 from solenav import evaluate as evaluation
-from solenav_tools.cli.output import CaptureFile, Json, say, say_json
+from solenav_tools.cli.output import CaptureFile, Json, say, say_json, warn
 
 Align = Enum("Align", {name: name for name in evaluation.ALIGNMENTS}, type=str)  # type: ignore[misc]
 _AUTO = Align("auto")
@@ -25,6 +25,8 @@ def evaluate(
 ) -> None:
     """Distance, closure, and errors against the truth where it is known."""
     result = evaluation.evaluate(capture.load(file), align=align.value, require_truth=require_truth)
+    if result.left_out:
+        warn(f"{result.left_out} poses leap away from those around them and were left out")
     if as_json:
         say_json(result.as_dict())
         return
