@@ -26,6 +26,8 @@ _WIDEST = 4.0  # of the longest to the shortest half-axis
 _RESIDUAL_MAX = 0.1  # of the field
 _SLOW = 0.5  # m/s², |a| so near to g is gravity
 _DIP_MIN_READINGS = 100
+_PARTS = 10
+_SURE_DEG = 0.5
 _DIP_MAX_DEG = 80.0  # nearer to the vertical the field tells no axes from gravity
 _TUMBLE = (
     "turn the sensor slowly through every attitude for a minute, far from steel: each axis, each "
@@ -40,9 +42,9 @@ class Found:
     `matrix` (3, 3) of determinant 1 but for the turn of the axes, so that µT stay µT; `bias`
     (3,) µT; `field_ut` the radius; `residual` (n,) of |corrected| less the radius in µT,
     `before` that of |measured| about its mean; `outliers` readings that the fit left aside.
-    `dip_deg` is the field's below the horizontal and `turned_deg` the turn of the axes,
-    `dip_before_deg` and `dip_after_deg` the spread of the dip without and with it; None where
-    gravity wasn't there.
+    `dip_deg` is the field's below the horizontal and `turned_deg` the turn of the axes, unsure
+    by `turned_unsure_deg`; `dip_before_deg` and `dip_after_deg` are the spread of the dip
+    without and with it. None where gravity wasn't there, or parts of the tumble disagree on it.
     """
 
     matrix: FloatArray
@@ -55,6 +57,7 @@ class Found:
     half_axes: FloatArray
     dip_deg: float | None = None
     turned_deg: float | None = None
+    turned_unsure_deg: float | None = None
     dip_before_deg: float | None = None
     dip_after_deg: float | None = None
 
@@ -69,7 +72,13 @@ class Found:
             "residual_ut": _spread(self.residual),
             "residual_before_ut": _spread(self.before),
         }
-        for name in ("dip_deg", "turned_deg", "dip_before_deg", "dip_after_deg"):
+        for name in (
+            "dip_deg",
+            "turned_deg",
+            "turned_unsure_deg",
+            "dip_before_deg",
+            "dip_after_deg",
+        ):
             value = getattr(self, name)
             if value is not None:
                 out[name] = round(float(value), 3)
@@ -205,21 +214,28 @@ def _turn(field: FloatArray, force: FloatArray) -> tuple[FloatArray, dict[str, f
     def sines(turn: FloatArray) -> FloatArray:
         return np.asarray((Rotation.from_rotvec(turn).apply(unit) * -up).sum(axis=1))
 
-    start = np.append(np.zeros(3), np.median(sines(np.zeros(3))))
-    done = least_squares(lambda p: sines(p[:3]) - p[3], start, loss="soft_l1", f_scale=0.05)
-    dip = float(np.degrees(np.arcsin(np.clip(done.x[3], -1, 1))))
+    def solved(rows: NDArray[np.bool_]) -> FloatArray:
+        start = np.append(np.zeros(3), np.median(sines(np.zeros(3))))
+        done = least_squares(
+            lambda p: sines(p[:3])[rows] - p[3], start, loss="soft_l1", f_scale=0.05
+        )
+        return np.asarray(done.x)
+
+    found = solved(np.ones(len(unit), np.bool_))
+    turn = found[:3]
+    angle = float(np.degrees(np.linalg.norm(turn)))
+    dip = float(np.degrees(np.arcsin(np.clip(found[3], -1, 1))))
     before, after = (
-        _robust(np.degrees(np.arcsin(np.clip(sines(t), -1, 1)))) for t in (np.zeros(3), done.x[:3])
+        _robust(np.degrees(np.arcsin(np.clip(sines(t), -1, 1)))) for t in (np.zeros(3), turn)
     )
-    figures = {
-        "dip_deg": dip,
-        "turned_deg": float(np.degrees(np.linalg.norm(done.x[:3]))),
-        "dip_before_deg": before,
-        "dip_after_deg": after,
-    }
-    if abs(dip) > _DIP_MAX_DEG or after > before:
-        return np.eye(3), {"dip_deg": dip, "dip_before_deg": before}
-    return Rotation.from_rotvec(done.x[:3]).as_matrix(), figures
+    # Errors of a moving hand hang together for a while, so parts of the tumble are compared.
+    parts = np.arange(len(unit)) * _PARTS // len(unit) % 2 == 0
+    apart = float(np.degrees(np.linalg.norm(solved(parts)[:3] - solved(~parts)[:3])))
+    figures = {"dip_deg": dip, "dip_before_deg": before}
+    if abs(dip) > _DIP_MAX_DEG or after > before or apart > max(0.5 * angle, _SURE_DEG):
+        return np.eye(3), figures
+    figures |= {"turned_deg": angle, "turned_unsure_deg": apart / 2, "dip_after_deg": after}
+    return Rotation.from_rotvec(turn).as_matrix(), figures
 
 
 def _robust(values: FloatArray) -> float:

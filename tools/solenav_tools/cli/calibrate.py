@@ -18,6 +18,7 @@ from solenav.capture.sidecar import sidecar_path
 from solenav.errors import SolenavError
 from solenav.recording import Recording
 from solenav_tools.calibration_run import guided
+from solenav_tools.cli.calibrate_allan import calibrate_allan
 from solenav_tools.cli.output import Json, check_output, say, say_json, tell, warn, write_text
 from solenav_tools.cli.record import Baud
 from solenav_tools.ports import BAUD
@@ -106,6 +107,9 @@ def calibrate_magnetometer(
     found = magnetometer.calibrate(recording, before)
     report = found.report()
     _finish("magnetometer", before, output, source, found.matrix, found.bias, report, as_json)
+
+
+app.command("allan")(calibrate_allan)
 
 
 @app.command("show")
