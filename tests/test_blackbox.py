@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 import serial
 import wire
+from board import Client
 from hypothesis import given
 from hypothesis import strategies as st
 from logging_board import SECOND, Board, wanted
-from test_firmware import Client
 
 from solenav import capture, link
 from solenav.sim.board import flash
@@ -272,7 +272,7 @@ def test_a_board_whose_power_goes_keeps_what_it_has_acknowledged(
     ):
         client = Client(port)
         client.to_the_end()
-        folder = Path(board._folder.name) / "log"
+        folder = board.folder / "log"
         files = {int(p.stem): p.read_bytes() for p in folder.glob("*.frames")}
     assert board.restarts == ["power"]
     hellos = [i for i, m in enumerate(client.messages) if m.name == "HELLO"]

@@ -96,6 +96,16 @@ def test_a_hole_too_long_to_bridge_marks_every_pose_from_then_on(walk: NDArray[n
     assert flags(engine) & messages.GAP
 
 
+def test_poses_after_a_lockout_are_marked_like_those_after_a_hole(
+    walk: NDArray[np.int16],
+) -> None:
+    """As something was wrong for a second: no sound walk locks the filter out."""
+    engine = run(walk)
+    assert engine.state[AT["LOCKOUTS"]] == 0 and not flags(engine) & messages.GAP
+    engine.state[AT["LOCKOUTS"]] = 1
+    assert flags(engine) & messages.GAP
+
+
 def resumed(walk: NDArray[np.int16], stop: int, start: int) -> tuple[engines.Engine, int]:
     """The walk without the rows between, resumed; and the row at which it navigates again."""
     engine = engines.create("pure", PARAMS)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cli import solenav
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -112,6 +113,22 @@ def test_a_wrong_record_length_costs_no_frame(
     content[at + 8 : at + 10] = length.to_bytes(2, "little")
     path = written(tmp_path_factory.mktemp("length") / "x.solcap", bytes(content))
     assert whole_frames(path) == [frame for _start, _stop, frame in subject.frames]
+
+
+@given(at=st.integers(18, 5000), size=st.integers(1, 20), insert=st.booleans())
+def test_bytes_more_or_less_cost_only_the_frames_that_they_hit(
+    subjects: list[host.Subject],
+    tmp_path_factory: pytest.TempPathFactory,
+    at: int,
+    size: int,
+    insert: bool,
+) -> None:
+    edit = host.Edit(at, at, b"\x55" * size) if insert else host.Edit(at, at + size, b"")
+    for subject in subjects:
+        damage = host.Damage("some bytes", [edit])
+        path = tmp_path_factory.mktemp("bytes") / "x.solcap"
+        found = whole_frames(written(path, subject.damaged(damage)))
+        assert all(frame in found for frame in subject.untouched(damage))
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -1.0, 1e300])
@@ -327,6 +344,20 @@ def test_a_capture_of_gaps_alone_is_verified_in_bounded_work(
     assert report.unchecked_samples == count
 
 
+def test_a_replay_over_lost_samples_says_that_its_poses_are_not_the_boards(
+    small: host.Subject, tmp_path: Path
+) -> None:
+    samples = [frame for frame in small.frames if frame[2].kind == messages.SAMPLE]
+    start, stop, _frame = samples[80]
+    stream = host.edited(small.stream, [host.Edit(start, stop, b"")])
+    path = written(tmp_path / "x.solcap", host.packed([(0.0, stream)]))
+    sound = written(tmp_path / "y.solcap", small.file)
+    for file, says in ((path, "1 samples never arrived"), (sound, "")):
+        done = solenav("replay", file, "-o", tmp_path / "out.solcap", "--engine", "fast")
+        assert done.returncode == 0 and says in done.stderr
+        assert bool(done.stderr) == bool(says)
+
+
 # Beside the capture.
 
 
@@ -338,6 +369,13 @@ def test_a_sidecar_nested_without_end_is_an_error_with_a_remedy(tmp_path: Path) 
     assert caught.value.remedy
 
 
+def test_half_a_character_in_a_sidecar_is_an_error_with_a_remedy(tmp_path: Path) -> None:
+    path = tmp_path / "x.solcap"
+    sidecar.sidecar_path(path).write_text(r'{"name": "\ud800"}')
+    with pytest.raises(SolenavError, match="can't be read"):
+        sidecar.read_sidecar(path)
+
+
 HEAD = "time_s,east_m,north_m,up_m\r\n"
 
 
@@ -347,6 +385,7 @@ HEAD = "time_s,east_m,north_m,up_m\r\n"
         HEAD + "1,2,3,4\r\nnan,2,3,4\r\n",
         HEAD + "2,2,3,4\r\n1,2,3,4\r\n",
         HEAD + "1,inf,3,4\r\n",
+        HEAD + "1,1e308,3,4\r\n",
         HEAD + "1,2\r\n2,3,4,5\r\n",
         HEAD + "1,2,3,4,5\r\n",
         HEAD + '"' + "x" * 200_000 + "\r\n",

@@ -120,7 +120,9 @@ def test_two_runs_of_the_firmware_write_the_same_file(ten: Path, tmp_path: Path)
 
 def test_firmware_and_replay_say_the_same(ten: Path, tmp_path: Path) -> None:
     assert solenav("run-firmware", ten, "-o", tmp_path / "board.solcap").returncode == 0
-    assert solenav("replay", ten, "-o", tmp_path / "host.solcap").returncode == 0
+    # The board's own samples: its compass is read at other moments than an import has it.
+    board_run = tmp_path / "board.solcap"
+    assert solenav("replay", board_run, "-o", tmp_path / "host.solcap").returncode == 0
     kinds = ("ALIGN", "POSE", "STEP")
     board, host = (
         [

@@ -17,12 +17,13 @@ from typing import Any
 
 import pytest
 import serial
+from board import Client
 from cli import SOLENAV, refused, solenav
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from logging_board import Board
 from test_device_cli import on_a_terminal, sender
-from test_firmware import Client, still
+from test_firmware import still
 
 from solenav import capture, link
 from solenav.capture.sidecar import read_sidecar
@@ -322,11 +323,11 @@ def walked(
 
 
 def test_a_download_verifies_bit_for_bit(walk: Path, tmp_path: Path) -> None:
-    with walked(walk, 14, blackbox_samples=True) as (board, client):
+    with walked(walk, 9, blackbox_samples=True) as (board, client):
         done = solenav("download", board.port, "-o", tmp_path, "--json")
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
-    assert len(result["files"]) > 2
+    assert len(result["files"]) > 1
     assert result["longest_access_us"] < 200_000
     covered = 0
     poses: dict[int, int] = {}
@@ -338,7 +339,7 @@ def test_a_download_verifies_bit_for_bit(walk: Path, tmp_path: Path) -> None:
         covered += report.covered_ticks
         poses |= zip(got.poses.tick.tolist(), got.poses.rows["digest"].tolist(), strict=True)
         assert solenav("info", file["capture"]).returncode == 0
-    assert covered > 0.9 * 200 * 14
+    assert covered > 0.9 * 200 * 9
     live = {m.tick: m.fields["digest"] for m in client.named("POSE")}
     assert poses.items() >= live.items()
 

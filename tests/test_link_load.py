@@ -10,9 +10,9 @@ import device
 import numpy as np
 import pytest
 import serial
+from board import Client
 from hypothesis import given
 from hypothesis import strategies as st
-from test_firmware import Client
 
 from solenav import capture, link
 from solenav.sim.board import simtime

@@ -13,6 +13,7 @@ from solenav import replay as replaying
 from solenav.errors import SolenavError
 from solenav.verify import Report, verify
 from solenav_core import messages
+from solenav_core.params import retimed
 
 Edit = Callable[[link.Frame], "list[link.Frame]"]
 
@@ -154,18 +155,43 @@ def test_two_runs_in_one_capture_are_both_proven(replayed: Path, tmp_path: Path)
 
 
 def test_other_parameters_are_another_run(replayed: Path, tmp_path: Path) -> None:
-    # Past the fragment's own header; the first fragment holds R.
-    at = messages.SIZES[messages.PARAMS] + 4 * messages.NAMES.index("R")
-    path = rewritten(
-        replayed,
-        tmp_path / "x.solcap",
-        lambda f: (
-            [flip(f, at + 1, 0x40)] if f.kind == messages.PARAMS and len(f.payload) > at else [f]
-        ),
-    )
+    at = 4 * messages.NAMES.index("R")
+
+    def edit(frame: link.Frame) -> list[link.Frame]:
+        if frame.kind == messages.PARAMS:
+            inside = messages.SIZES[messages.PARAMS] + at - link.unpack(frame)["offset"]
+            if 0 <= inside < len(frame.payload):
+                return [flip(frame, inside + 1, 0x40)]
+        return [frame]
+
+    path = rewritten(replayed, tmp_path / "x.solcap", edit)
     report = check(path)
     # The first tick after the static start shows it already.
     assert report.difference is not None and report.difference.tick == 201
+
+
+def test_parameters_that_change_on_the_way_are_followed(replayed: Path, tmp_path: Path) -> None:
+    """As a board does that has learned its sensor's clock."""
+    changed = capture.load(replayed).params[0][1][:]
+    retimed(changed, changed[:], round(256 * 5000 * 1.02))
+    head = len(changed.tobytes()).to_bytes(2, "little")
+    parts = [(at, changed.tobytes()[at : at + 192]) for at in range(0, 4 * len(changed), 192)]
+
+    def edit(frame: link.Frame) -> list[link.Frame]:
+        if (frame.kind, frame.tick) != (messages.SAMPLE, 3001):
+            return [frame]
+        payloads = [at.to_bytes(2, "little") + head + part for at, part in parts]
+        return [link.Frame(messages.PARAMS, 0, 3000, p) for p in payloads] + [frame]
+
+    board = capture.load(rewritten(replayed, tmp_path / "board.solcap", edit))
+    run = tmp_path / "run.solcap"
+    replaying.replay(board, run, engine="fast")
+    report = check(run)
+    assert report.verified and report.covered_ticks == 6000
+
+    ends = [capture.load(path).poses.rows["digest"] for path in (replayed, run)]
+    differs = np.flatnonzero(ends[0] != ends[1])
+    assert 199 + differs[0] == 3000  # rows count from the first pose, on tick 200
 
 
 def test_samples_alone_prove_nothing_and_it_says_so(walk: Path) -> None:

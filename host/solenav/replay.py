@@ -150,11 +150,16 @@ def replay(
 ) -> engines.Engine:
     """Run an engine over all samples of a capture, as one run, and write the frames of it.
 
-    A POSE on every `pose_every`-th tick, a SNAPSHOT every `snapshot_s` seconds; `progress` gets
-    the number of samples done now and then. SolenavError where there is nothing to run on.
+    A POSE on every `pose_every`-th tick, a SNAPSHOT every `snapshot_s` seconds; parameters change
+    where they did on the board. `progress` gets the number of samples done now and then.
+    SolenavError where there is nothing to run on.
     """
     capture.need_samples()
-    params = capture.params[0][1]
+    params = capture.params[0][1][:]
+    changes = {
+        int(np.searchsorted(capture.samples.order, order)): changed
+        for order, changed in capture.params[1:]
+    }
     samples = samples_of(capture)
     runner = engines.create(engine, params)
     rows = samples.words
@@ -163,6 +168,10 @@ def replay(
     with CaptureWriter(path, flush=False) as writer:
         writer.write(0.0, _opening(pen, params, f"replay on {engine}", pose_every))
         for row in range(len(samples.counts)):
+            if changes.get(row, params) != params:
+                params[:] = changes[row]
+                data = b"".join(fragments(pen.frames, messages.PARAMS, row, params.tobytes()))
+                writer.write(samples.time_us[row] * 1e-6, data)
             _row, events = runner.advance(rows, row, row + 1)
             tick = row + 1
             data = pen.sample(tick, samples, row)

@@ -51,7 +51,9 @@ IN_STANCE = 1
 NAVIGATING = 2
 FROZEN = 4  # so long without stance that the covariance stopped growing
 SATURATED = 8  # the velocity has been at its limit since the static start
-GAP = 16  # more samples were lost since the static start than can be bridged
+# Since the static start more samples were lost than can be bridged, or the filter was locked out
+# (which no walk of the recordings does): the pose may be off by metres.
+GAP = 16
 RESUMED = 32  # position and heading go on from before a long gap or a restart
 
 # STATUS modes
@@ -347,7 +349,7 @@ _ALIGN = _AT["ATT"], _AT["BIAS"], _AT["GRAVITY"], _AT["AL_BEST"]
 _POSE = (_AT["POS"], _AT["CELL"], _AT["VEL"], _AT["ATT"], _AT["THRESHOLD"], _AT["N_EFF"])
 _POSE2 = (_AT["M2"], _AT["ACC_NORM"], _AT["RESAMPLED"], _AT["STEPS"], _AT["DISTANCE"])
 _FLAGS = (_AT["STANCE"], _AT["MODE"], _AT["SWING_TICKS"], _AT["SATURATED"])
-_TRUST = _AT["GAPS"], _AT["RESUMED"]
+_TRUST = _AT["GAPS"], _AT["LOCKOUTS"], _AT["RESUMED"]
 _FREEZE = NAMES.index("FREEZE_TICKS")
 _STEP = _AT["STEP_MOVE"], _AT["STEP_TURN"], _AT["HEADING_LAST"], _AT["STEP_VAR"], _AT["STEP_TICKS"]
 
@@ -374,8 +376,8 @@ def pack_pose(buf, at, s, params):
         flags |= FROZEN
     if s[saturated]:
         flags |= SATURATED
-    gaps, resumed = _TRUST
-    if s[gaps]:
+    gaps, lockouts, resumed = _TRUST
+    if s[gaps] or s[lockouts]:
         flags |= GAP
     if s[resumed]:
         flags |= RESUMED

@@ -1,11 +1,11 @@
 """The fault campaign: `python tools/faults [--part host|board|cuts] [--short] [--write] ...`.
 
-`board`: a thousand runs of the real firmware on the simulated board, with faults; `cuts`: the power
-cut at every operation of its flash (`firmware.py`). `host`: every truncation and thousands of random
-damages of captures and streams, damaged sidecars and truths; through everything that reads captures
-(`host.py`). All of it takes the better part of an hour on two cores, `--short` a minute or two.
-`--write` writes docs/robustness.md, of which each part has its section. Exit code 1 where anything
-went wrong.
+`board`: a thousand runs of the real firmware on the simulated board, with faults; `cuts`: the
+power cut at every operation of its flash (`firmware.py`). `host`: every truncation and thousands
+of random damages of captures and streams, damaged sidecars and truths; through everything that
+reads captures (`host.py`). All of it takes the better part of an hour on two cores, `--short` a
+minute or two. `--write` writes docs/robustness.md, of which each part has its section. Exit code 1
+where anything went wrong.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
+import firmware
 import host
 from solenav.compare.table import Sheet, to_markdown
 
@@ -160,20 +161,20 @@ def page(outcomes: Sequence[host.Outcome], chance: host.Chance, seed: int) -> st
 
 _BOARD = """
 The firmware's own files on MicroPython, on the simulated board: a walk of 24 s, faults in it as
-`host/solenav/sim/board/faults.py` describes them, at random moments and of random lengths, a quarter
-of the runs with `sampling` "ready" (which by itself loses some 50 samples to erasing flash). A
-checkpoint every 2 s. Each pose is laid beside the one of a fault-free run at the same sample.
-*Survived*: navigating in the last second, or, with the sensor gone for good, in a clear fault.
-*Flagged*: the last pose says GAP, RESUMED, SATURATED or FROZEN. *Error*: of the last pose; what was
-walked while there were no samples is lost, and a metre of it is an error of a metre. *Silent*: runs in
-which a pose without a flag is more than {tolerance} m off. *Unproven*: `verify` finds a difference
-between the firmware and the core on the host, or nothing to compare. *Records lost*: bytes that the
-black box had acknowledged in STATUS and that aren't in flash.
+`host/solenav/sim/board/faults.py` describes them, at random moments and of random lengths, a
+quarter of the runs with `sampling` "ready" (which by itself loses some 50 samples to erasing
+flash). A checkpoint every 2 s. Each pose is laid beside the one of a fault-free run at the same
+sample. *Survived*: navigating in the last second, or, with the sensor gone for good, in a clear
+fault. *Flagged*: the last pose says GAP, RESUMED, SATURATED or FROZEN. *Error*: of the last pose;
+what was walked while there were no samples is lost, and a metre of it is an error of a metre.
+*Silent*: runs in which a pose without a flag is more than {tolerance} m off. *Unproven*: `verify`
+finds a difference between the firmware and the core on the host, or nothing to compare. *Records
+lost*: bytes that the black box had acknowledged in STATUS and that aren't in flash.
 """
 _CUTS = """
-A session of 8 s that records everything; the power is cut at every single one of the {count} pages and
-blocks that it writes or erases, the board starts again {after} and goes on. *Survived*: it samples
-again. Runs cut before their first step start afresh.
+A session of 8 s that records everything; the power is cut at every single one of the {count}
+pages and blocks that it writes or erases, the board starts again {after} and goes on. *Survived*:
+it samples again. Runs cut before their first step start afresh.
 """
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import random
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -209,13 +209,15 @@ SCRIPTS: dict[str, _Script] = {
 }
 
 
+KINDS = (*SCRIPTS, "clock", "gone for good", "several")
+
+
 def cases(seed: int, count: int) -> list[Case]:
     """`count` runs, the kinds in turn, each at another moment; the same for the same seed."""
     rng = random.Random(seed)
-    kinds = [*SCRIPTS, "clock", "gone for good", "several"]
     out = []
     for i in range(count):
-        kind = kinds[i % len(kinds)]
+        kind = KINDS[i % len(KINDS)]
         at = rng.randrange(5_000_000, 14_000_000)
         config = {"sampling": "ready"} if rng.random() < 0.25 else {}
         if kind == "clock":

@@ -142,11 +142,10 @@ class Subject:
         doubtful = [] if damage.of_stream else self._doubtful(damage)
         out = []
         for start, stop, frame in self.frames:
-            first = start
+            low, high = int(places[start]), int(places[stop - 1])
             if any(code == "*" for _name, code, *_rest in link.FIELDS[frame.kind]):
                 # Where it begins can't be told without the delimiter before it.
-                first = max(0, start - 1)
-            low, high = int(places[first]), int(places[stop - 1])
+                low = int(places[start - 1]) if start else low - 1
             hit = any(low < header <= high for header in doubtful)
             for edit in damage.edits:
                 if edit.stop > edit.start:
@@ -251,6 +250,7 @@ def stretch(recording: Recording, start_s: float, stop_s: float) -> Recording:
         time_s=recording.time_s[kept] - start_s,
         accel=recording.accel[kept],
         gyro=recording.gyro[kept],
+        mag=None if recording.mag is None else recording.mag[kept],
         truth=replace(
             truth,
             time_s=truth.time_s[known] - start_s,

@@ -13,7 +13,7 @@ from __future__ import annotations
 import struct
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -177,7 +177,7 @@ class _Scan:
         if at + _RECORD.size > len(self.data):
             return False
         later, length = _RECORD.unpack_from(self.data, at)
-        return length > 0 and 0 < later < _ARRIVAL_MAX and 0 <= later - arrival <= _PAUSE_MAX
+        return length > 0 and _likely(later) and 0 <= later - arrival <= _PAUSE_MAX
 
     def _between(self, at: int, found: int) -> list[Records]:
         """What the bytes from the header at `at` to the chain at `found` may be.
@@ -215,9 +215,8 @@ class _Scan:
             if at + _RECORD.size > len(self.data):
                 return count >= 2 or (count == 1 and at == len(self.data))
             arrival, length = _RECORD.unpack_from(self.data, at)
-            likely = arrival == 0 or _ARRIVAL_MIN < arrival < _ARRIVAL_MAX
             follows = count == 0 or 0 <= arrival - last <= _PAUSE_MAX
-            if not (length and likely and follows):
+            if not (length and _likely(arrival) and follows):
                 return False
             last = arrival
             at += _RECORD.size + length
@@ -237,8 +236,8 @@ class _Scan:
             windows = np.lib.stride_tricks.sliding_window_view(piece, 8)
             times = np.ascontiguousarray(windows).view("<f8")[:, 0]
             with np.errstate(invalid="ignore"):
-                likely = (times == 0) | ((times > _ARRIVAL_MIN) & (times < _ARRIVAL_MAX))
-            for offset in np.flatnonzero(likely).tolist():
+                likely = np.flatnonzero(_likely(times))
+            for offset in likely.tolist():
                 if self._chained(block + offset):
                     return block + int(offset)
         return len(self.data)
@@ -257,14 +256,17 @@ class _Scan:
         return out, len(data) - at
 
 
+def _likely(arrival: Any) -> Any:
+    """Whether this may be a time. Most bytes that are none give a tiny or a huge number."""
+    return (arrival == 0) | ((arrival > _ARRIVAL_MIN) & (arrival < _ARRIVAL_MAX))
+
+
 def _in_order(records: list[tuple[float, bytes]]) -> bool:
     """Whether these have the times of a sound file: nobody looks for damage then."""
     times = np.array([arrival for arrival, _data in records])
     with np.errstate(invalid="ignore"):
         steps = np.diff(times)
-        return bool(
-            (np.abs(times) < _ARRIVAL_MAX).all() and ((steps >= 0) & (steps <= _PAUSE_MAX)).all()
-        )
+        return bool(_likely(times).all() and ((steps >= 0) & (steps <= _PAUSE_MAX)).all())
 
 
 def _frames(records: list[tuple[float, bytes]]) -> int:

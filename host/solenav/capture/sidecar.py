@@ -47,6 +47,8 @@ def read_sidecar(capture: Path) -> dict[str, Any]:
     """The sidecar, or an empty one: a capture stands without it."""
     try:
         content = json.loads(sidecar_path(capture).read_text(encoding="utf-8"))
+        # It goes on into other sidecars, which half a character can't.
+        json.dumps(content, ensure_ascii=False).encode("utf-8")
     except FileNotFoundError:
         return {}
     except (OSError, ValueError, RecursionError) as error:

@@ -6,11 +6,12 @@ from enum import Enum
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
 from solenav import capture, engines
 from solenav import replay as replaying
-from solenav_tools.cli.output import CaptureFile, Json, check_output, progress, say, say_json
+from solenav_tools.cli.output import CaptureFile, Json, check_output, progress, say, say_json, warn
 from solenav_tools.outcome import need_alignment
 
 EngineName = Enum("EngineName", {name: name for name in engines.NAMES}, type=str)  # type: ignore[misc]
@@ -28,6 +29,12 @@ def replay(
     """Run the core over a capture's samples and write what the firmware would have sent."""
     check_output(output, ".solcap")
     source = capture.load(file)
+    gaps = np.diff(source.samples.tick) - 1
+    if missing := int(gaps[gaps > 0].sum()):
+        warn(
+            f"{missing} samples never arrived, the core runs on without them: "
+            "from the first gap on its poses are not the board's"
+        )
     name = engine.value if engine else engines.default_name()
     with progress(f"replaying on {name}", len(source.samples)) as done:
         runner = replaying.replay(source, output, engine=name, pose_every=pose_every, progress=done)

@@ -283,7 +283,7 @@ class World:
                 simtime.at(begin + length, lambda fault=fault: self._end(fault))
 
     def _begin(self, fault: "dict[str, Any]") -> None:
-        if fault["kind"] not in _BRIEF:
+        if fault["kind"] not in _BRIEF and not (fault["kind"] == "spike" and "for" not in fault):
             self._active.setdefault(fault["kind"], []).append(fault)
         KINDS[fault["kind"]][0](self, fault, True)
 
