@@ -134,9 +134,10 @@ def _solve(force: FloatArray, skew: bool) -> tuple[FloatArray, FloatArray, Float
         out = np.linalg.norm(force @ matrix.T - bias, axis=1) - mpu9150.STANDARD_GRAVITY
         return np.asarray(out)
 
-    start = np.concatenate([np.ones(3), np.zeros(6 if skew else 3)])
-    # A rest with a hand's tremor may be off; it shall not pull the others.
-    done = least_squares(off, start, loss="huber", f_scale=0.05, x_scale="jac")
+    plain = least_squares(off, np.concatenate([np.ones(3), np.zeros(6 if skew else 3)]))
+    # A rest with a hand's tremor may be off; it shall not pull the others. From afar a robust
+    # loss would get stuck.
+    done = least_squares(off, plain.x, loss="huber", f_scale=0.05)
     return done.x, done.jac, off(done.x)
 
 
