@@ -167,9 +167,10 @@ flash). A checkpoint every 2 s. Each pose is laid beside the one of a fault-free
 sample. *Survived*: navigating in the last second, or, with the sensor gone for good, in a clear
 fault. *Flagged*: the last pose says GAP, RESUMED, SATURATED or FROZEN. *Error*: of the last pose;
 what was walked while there were no samples is lost, and a metre of it is an error of a metre.
-*Silent*: runs in which a pose without a flag is more than {tolerance} m off. *Unproven*: `verify`
-finds a difference between the firmware and the core on the host, or nothing to compare. *Records
-lost*: bytes that the black box had acknowledged in STATUS and that aren't in flash.
+*Silent*: runs in which poses without a flag are more than {tolerance} m off for longer than
+{detection} s. *Unproven*: `verify` finds a difference between the firmware and the core on the
+host, or nothing to compare. *Records lost*: bytes that the black box had acknowledged in STATUS
+and that aren't in flash.
 """
 _CUTS = """
 A session of 8 s that records everything; the power is cut at every single one of the {count}
@@ -235,8 +236,14 @@ def board_runs(
 ) -> list[firmware.Outcome]:
     """Every outcome of these runs."""
     work = [(short_walk, list(cases[i : i + 10])) for i in range(0, len(cases), 10)]
+    outcomes = []
     with ProcessPoolExecutor(jobs) as pool:
-        return [outcome for part in pool.map(_some_runs, work) for outcome in part]
+        for part in pool.map(_some_runs, work):
+            outcomes += part
+            for outcome in part:
+                if not outcome.clean:
+                    print(outcome, file=sys.stderr, flush=True)
+    return outcomes
 
 
 def cut_runs(jobs: int, step: int = 1) -> list[firmware.Outcome]:
@@ -258,7 +265,9 @@ def _host_part(asked: argparse.Namespace) -> tuple[str, Sequence[object]]:
 def _board_part(asked: argparse.Namespace) -> tuple[str, Sequence[object]]:
     cases = firmware.cases(asked.seed, RUNS // (SHORT // 2) if asked.short else RUNS)
     outcomes = board_runs(cases, asked.jobs)
-    text = wrapped(_BOARD.format(tolerance=firmware.TOLERANCE_M).strip())
+    text = wrapped(
+        _BOARD.format(tolerance=firmware.TOLERANCE_M, detection=firmware.DETECTION_S).strip()
+    )
     parts = ("## The firmware with faults", text, to_markdown(runs_table(outcomes)))
     return "\n\n".join(parts) + "\n", [o for o in outcomes if not o.clean]
 
@@ -299,8 +308,9 @@ def main() -> int:
     for name in [asked.part] if asked.part else list(PARTS):
         sections[name], bad = PARTS[name](asked)
         print(sections[name])
-        for outcome in bad:
-            print(outcome, file=sys.stderr)
+        if name == "host":
+            for outcome in bad:
+                print(outcome, file=sys.stderr)
         failed = failed or bool(bad)
     if asked.write:
         _written(sections)

@@ -33,6 +33,8 @@ WALK = (13.4, 37.4)
 """Seconds of the simulated loop: from a standing second and a half on."""
 TOLERANCE_M = 1.0
 """A pose further off than this, less than a stride, without a flag is a silent wrong pose."""
+DETECTION_S = 0.3
+"""So soon a fault must show: the sensor's settings are looked at four times a second."""
 FLAGGED = messages.GAP | messages.RESUMED | messages.SATURATED | messages.FROZEN
 GUARD_S = 90.0
 """Wall clock of a run, after which it hangs; it takes two or three seconds."""
@@ -101,6 +103,7 @@ class Outcome:
     flagged: bool = False
     anew: bool = False  # a run began afresh, from a static start
     lost: int = 0  # samples of the walk that never reached the core
+    brief_m: float = 0.0  # the same, though a flag may have followed within `DETECTION_S`
     silent_m: float = 0.0  # largest error of a pose without a flag, where that is too much
     unsafe: int = 0  # bytes that the black box had acknowledged and that aren't in flash
     damaged: int = 0  # frames in the black box that are not whole
@@ -300,7 +303,7 @@ def _crashes(frames: list[link.Frame], outcome: Outcome) -> None:
 def _poses(walk: Walk, frames: list[link.Frame], outcome: Outcome) -> None:
     """Every pose beside the one of the core without faults, by the sample that it came from."""
     place = _Place(walk)
-    last_row = -1
+    last_row = since = -1
     delivered = 0
     last_tick = 0
     for frame in frames:
@@ -322,7 +325,14 @@ def _poses(walk: Walk, frames: list[link.Frame], outcome: Outcome) -> None:
             error = float(np.linalg.norm(position - walk.positions[place.row]))
             outcome.error_m = error
             if error > TOLERANCE_M and not outcome.flagged:
-                outcome.silent_m = max(outcome.silent_m, error)
+                since = place.row if since < 0 else since
+                outcome.brief_m = max(outcome.brief_m, error)
+                if place.row - since > DETECTION_S * RATE_HZ:
+                    outcome.silent_m = max(outcome.silent_m, error)
+            else:
+                since = -1
+    if since >= 0:
+        outcome.silent_m = outcome.brief_m  # nothing came that would have told
     outcome.lost = len(walk.counts) - delivered
     if outcome.mode == messages.RUNNING:
         fresh = last_row >= len(walk.counts) - AGAIN_S * RATE_HZ
