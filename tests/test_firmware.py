@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import serial
 import wire
 from board import Client, on, run
 from numpy.typing import NDArray
@@ -342,9 +343,15 @@ def test_a_bus_failure_that_lasts() -> None:
 
 
 def test_a_crash_is_told() -> None:
-    """A window past the end of the state is nothing that the firmware checks."""
-    with on(still(), {"params": {"WINDOW": 5000}}) as (board, client):
-        client.to_the_end()
+    with SimulatedBoard(still()) as board:
+        source = board.folder / "application.py"
+        text = source.read_text(encoding="utf-8")
+        broken = text.replace("events = navigator.tick(", "events = 1 // 0 or navigator.tick(")
+        assert broken != text
+        source.write_text(broken, encoding="utf-8")
+        with serial.Serial(board.port, 460800, timeout=0.5) as port:
+            client = Client(port)
+            client.to_the_end()
         assert board.wait(5) == 1
         level, text = client.texts()[-1]
         assert level == "error"
