@@ -12,7 +12,7 @@ from handheld import BETWEEN, RATE, SIX, FloatArray, attitude, held, recording, 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from solenav import engines, mpu9150, parameters
+from solenav import datasets, engines, mpu9150, parameters
 from solenav.calibration import IDENTITY, Calibration, accelerometer, gyro, load, magnetometer, save
 from solenav.calibration.guide import Poses, Rest, Tumble
 from solenav.calibration.still import DIRECTIONS, EDGES, FACES, poses
@@ -231,7 +231,7 @@ def test_rest_gives_the_gyros_bias_and_noise_and_says_what_it_can_not_give() -> 
     found = gyro.calibrate(recording(held([attitude("+z")], 10.0), ERRS))
     measured = np.linalg.inv(ERRS.gyro_matrix) @ ERRS.gyro_bias
     assert np.abs(found.bias - measured).max() < 1e-4
-    assert found.noise == pytest.approx(np.full(3, 0.001 / np.sqrt(RATE / 2)), rel=0.1)
+    assert found.noise == pytest.approx(np.full(3, 0.001 / np.sqrt(RATE)), rel=0.3)
     assert np.array_equal(found.matrix, np.eye(3))
     assert "0 turns" in found.why and found.report()["matrix_found"] is False
 
@@ -312,6 +312,39 @@ def test_a_field_that_changes_is_refused(tumble: Recording) -> None:
     field = tumble.mag * (1 + 0.6 * np.sin(tumble.time_s)[:, None])
     with pytest.raises(SolenavError, match=r"wasn't the same|no ellipsoid"):
         magnetometer.calibrate(parameters.replace(tumble, mag=field))
+
+
+# A real MPU-6050 with an HMC5883L, tumbled by hand; see docs/calibration.md
+
+
+def hand(data: Path, folder: str) -> Recording:
+    return datasets.read(
+        data / "static" / "mpu6050" / folder / "mpu6050_accelerometer.mat", "mpu6050"
+    )
+
+
+def test_a_real_tumbles_ellipsoid_becomes_a_sphere(data: Path) -> None:
+    found = magnetometer.calibrate(hand(data, "full-sphere"))
+    assert np.sqrt(np.mean(found.before**2)) > 7.0
+    assert np.sqrt(np.mean(found.residual**2)) < 0.3
+    assert found.covered == 26
+
+
+def test_a_real_rests_gravity_is_put_right_by_another_recording(data: Path) -> None:
+    """Scale and bias from the tumble's slow moments; a hand's own force averages out."""
+    tumble = hand(data, "full-sphere")
+    blocks = tumble.accel[: len(tumble.accel) // 30 * 30].reshape(-1, 30, 3)
+    slow = np.linalg.norm(blocks.std(axis=1), axis=1) < 1.0
+    matrix, bias, _residual = accelerometer.sphere(blocks.mean(axis=1)[slow], skew=False)
+    rest = hand(data, "unmoved-with-x-pointing-forward-10min").accel.mean(axis=0)
+    assert np.linalg.norm(rest) - mpu9150.STANDARD_GRAVITY > 0.35
+    assert abs(np.linalg.norm(matrix @ rest - bias) - mpu9150.STANDARD_GRAVITY) < 0.03
+
+
+def test_a_real_tumble_and_tilts_are_no_six_positions(data: Path) -> None:
+    for folder in ("full-sphere", "roll-and-tilt-at-45-90"):
+        with pytest.raises(SolenavError, match=r"missing: .*refused: .*moving"):
+            accelerometer.calibrate(hand(data, folder))
 
 
 # Guides

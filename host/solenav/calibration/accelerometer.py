@@ -78,9 +78,10 @@ def calibrate(recording: Recording) -> Found:
 
 
 def complaint(found: list[Pose], lacking: list[str]) -> str:
-    """Which faces are missing, and what was wrong with the poses that were meant for them."""
+    """Which faces are missing, and what was wrong with the last pose that was meant for each."""
     good = len(FACES) - len(lacking)
-    bad = [str(pose) for pose in found if pose.complaint and pose.face in lacking]
+    last = {pose.face: str(pose) for pose in found if pose.complaint}
+    bad = [last[face] for face in lacking if face in last]
     text = f"{good} of {len(FACES)} positions are there; missing: {', '.join(lacking)} up"
     return text + ("; refused: " + "; ".join(bad) if bad else "")
 
@@ -123,6 +124,15 @@ def fit(used: list[Pose], refused: list[Pose]) -> Found:
         used=tuple(used),
         refused=tuple(refused),
     )
+
+
+def sphere(force: FloatArray, *, skew: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Matrix (3, 3), bias (3,) and residual (n,) in m/s² that put forces (n, 3) on g's sphere.
+
+    Without `skew` the matrix is diagonal.
+    """
+    point, _jacobian, residual = _solve(force, skew)
+    return *_parts(point), residual
 
 
 def _solve(force: FloatArray, skew: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
