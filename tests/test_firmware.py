@@ -166,6 +166,8 @@ def test_wrong_settings_are_told() -> None:
     config = {
         "pose_evry": 1,
         "snapshot_s": "often",
+        "dlpf": 7,
+        "resume": "sometimes",
         "params": {"ALIGN_TICKS": 100, "SEEDS": 1, "SEED": 1.5, "RATE_MHZ": 0, "WINDOW": 32},
     }
     client = run(still(150), config)
@@ -173,7 +175,9 @@ def test_wrong_settings_are_told() -> None:
     assert sorted(client.texts()) == [
         ("error", "config.json: RATE_MHZ = 0 is not 1000 to 1000000"),
         ("error", "config.json: WINDOW = 32 is not 1 to 31"),
+        ("error", "config.json: dlpf can't be 7"),
         ("error", "config.json: parameter SEED can't be 1.5"),
+        ("error", "config.json: resume can't be 'sometimes'"),
         ("error", "config.json: snapshot_s can't be 'often'"),
         ("error", "config.json: there is no key pose_evry"),
         ("error", "config.json: there is no parameter SEEDS"),
