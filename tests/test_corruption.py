@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli import solenav
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from solenav import capture, engines, link, parameters
@@ -110,6 +110,8 @@ def test_a_wrong_record_length_costs_no_frame(
     subject = data.draw(st.sampled_from(subjects))
     content = bytearray(subject.file)
     at = subject.headers[which % len(subject.headers)]
+    # One that leads to another record to the byte can't be told from a right one.
+    assume(at + 10 + length not in subject.headers)
     content[at + 8 : at + 10] = length.to_bytes(2, "little")
     path = written(tmp_path_factory.mktemp("length") / "x.solcap", bytes(content))
     assert whole_frames(path) == [frame for _start, _stop, frame in subject.frames]

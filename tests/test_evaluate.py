@@ -46,6 +46,7 @@ def recording() -> Recording:
         time_s=whole.time_s[:n],
         accel=whole.accel[:n],
         gyro=whole.gyro[:n],
+        mag=None,
         truth=Truth(
             truth.time_s[:n],
             truth.position_enu[:n],

@@ -5,7 +5,8 @@ and flushed one by one: after a crash, a full disk or a pulled cable everything 
 whole record is there. A record holds any piece of the stream; frames may span records.
 
 A record's header has no check of its own. Where one is damaged, the chain of lengths breaks; the
-reader then looks for the place where a chain goes on, and gives what is between as it stands.
+reader then looks for the place where a chain goes on, and gives what is between as it stands. Only
+a wrong length that leads to the header of another record, to the byte, can't be told.
 """
 
 from __future__ import annotations
