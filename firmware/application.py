@@ -23,7 +23,7 @@ from solenav_core.tables.lookup import TABLES
 from solenav_core.tables.selftest import EXPECTED
 
 _INFO, _WARNING, _ERROR = 0, 1, 2
-_CHECKS = 4  # of the sensor's settings, in a second
+_CHECKS = 20  # of the sensor's settings, in a second: 1 ms each, of the bus and of the processor
 _AT = offsets(STATE_FIELDS)
 _TICK = _AT["TICK"]
 _MODE = _AT["MODE"]
@@ -61,9 +61,9 @@ class Application:
         self.second = max(1, (rate + 500) // 1000)  # ticks
         self.snapshot_ticks = settings["snapshot_s"] * self.second
         self.check_ticks = max(1, self.second // _CHECKS)
-        # Up to twice as many as the core bridges with confidence it is nearer to the truth by
-        # bridging, flagged, than by starting from the next stance: half a swing in the simulator.
-        self.bridge = 2 * params[_BRIDGE]
+        # So many the core still makes up for, flagged: in half a swing that is nearer to the truth
+        # than starting from the next stance (README).
+        self.bridge = 4 * params[_BRIDGE]
         self.send_samples = settings["send_samples"]
         self.pose_every = settings["pose_every"]
         self.wanted = settings["autostart"]

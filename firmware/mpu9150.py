@@ -107,6 +107,13 @@ def decode(raw: ptr8, last: ptr8, sample: ptr32) -> int:
     return flags
 
 
+def _grown(thousandths, ratio, code):
+    """A trim that grows by `ratio` / 10**7 a code from the first on; 0 for code 0."""
+    for _ in range(code - 1):
+        thousandths = (thousandths * ratio + 5_000_000) // 10_000_000
+    return (thousandths + 500) // 1000 if code else 0
+
+
 def trims(codes):
     """Factory trims of accelerometer and gyro (x y z each, counts at ±8 g and ±250 °/s).
 
@@ -115,10 +122,11 @@ def trims(codes):
     found = []
     for axis in range(3):
         code = (codes[axis] >> 5 << 2) | (codes[3] >> (4 - 2 * axis) & 3)
-        found.append(4096 * 0.34 * (0.92 / 0.34) ** ((code - 1) / 30) if code else 0)
+        # 4096 * 0.34 * (0.92 / 0.34)^((code - 1) / 30)
+        found.append(_grown(1_392_640, 10_337_376, code))
     for axis in range(3):
         code = codes[axis] & 31
-        trim = 25 * 131 * 1.046 ** (code - 1) if code else 0
+        trim = _grown(25 * 131 * 1000, 10_460_000, code)  # 25 * 131 * 1.046^(code - 1)
         found.append(-trim if axis == 1 else trim)
     return found
 
@@ -412,8 +420,9 @@ class Mpu9150:
             if not (before and response and after and _still(before, after)):
                 continue
             for i in range(6):
-                change = response[i] - (before[i] + after[i]) / 2
-                if 100 * abs(change - expected[i]) > _TEST_TOLERANCE * abs(expected[i]):
+                twice = 2 * response[i] - before[i] - after[i]
+                off = abs(twice - 2 * expected[i])
+                if 100 * off > _TEST_TOLERANCE * abs(2 * expected[i]):
                     failed |= 1 if i < 3 else 2
             self.test = failed
             break
@@ -441,7 +450,7 @@ class Mpu9150:
                 total[i] += sample[i]
         if not _still(least, most):
             return None
-        return [n / _TEST_SAMPLES for n in total]
+        return [(n + _TEST_SAMPLES // 2) // _TEST_SAMPLES for n in total]
 
     def _read(self, register):
         try:

@@ -30,6 +30,7 @@ _FIFO_FAILURES_MAX = const(6)
 _PROBES = const(20)  # reads of its identity that a bus must carry to be fast again
 _ATTEMPTS_MAX = const(2)  # times that it is, without a sample in between
 _SILENT_PERIODS = const(10)
+_DOUBTED = const(3)  # samples in a row that are the one before; more of them are lost ones
 _TRUSTED = const(3)  # different samples in a row after frozen ones
 _PATIENCE = const(10)  # half seconds until a lost magnetometer is looked for again
 _SPIKES_MAX = const(3)  # in a row; a fourth is no spike
@@ -228,8 +229,7 @@ class Sampler:
 
         A failed transfer is tried again; after some failures in a row, or with data frozen to the
         bit for 1/8 s, the sensor is set up anew; SensorError where that fails or has been tried
-        twice without a sample. A spike is dropped; so is every frozen sample once they are
-        known to be.
+        twice without a sample. A spike is dropped; so is every frozen sample but the first three.
         """
         self._watch_bus()
         try:
@@ -359,13 +359,11 @@ class Sampler:
                 self.fifo_overflows += 1
             self._break_off()
             self._rely_on(sensor.drop)
+            self._lack(fresh)
             return -1
         if waiting == 0:
             self._more = False
-            if fresh:
-                self._empty += 1
-                if self._empty >= _SILENT_PERIODS:
-                    self._anew("the sensor's FIFO stays empty: check its power")
+            self._lack(fresh)
             return -1
         try:
             flags = sensor.take(self._new)
@@ -387,6 +385,13 @@ class Sampler:
         self._account(self._steps(1) if self._broken else 1, own)
         self._broken = False
         return flags
+
+    def _lack(self, fresh):
+        """No sample in the FIFO, or parts of some, though there were pulses. SensorError."""
+        if fresh:
+            self._empty += 1
+            if self._empty >= _SILENT_PERIODS:
+                self._anew("the sensor's FIFO stays without samples: check its power")
 
     def _pass_time(self, elapsed):
         self._ticks = ticks_add(self._ticks, elapsed)
@@ -446,9 +451,10 @@ class Sampler:
         else:
             self._alike += 1
             if self._alike < self._alike_max:
-                if not self._stuck:
+                if self._stuck:
+                    self._stuck = _TRUSTED
+                elif self._alike <= _DOUBTED:
                     return False
-                self._stuck = _TRUSTED
             else:
                 self._alike = 0
                 self._stuck = _TRUSTED

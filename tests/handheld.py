@@ -25,10 +25,12 @@ UP = {
 }
 """Rotation vectors in degrees about the sensor's x, y, z that bring a face up."""
 SIX = tuple(UP)
-EDGES = tuple((a, b, 0.0) for a in (45.0, -45.0, 135.0, -135.0) for b in (0.0,)) + tuple(
-    (0.0, a, 0.0) for a in (45.0, -45.0, 135.0, -135.0)
+BETWEEN = (
+    *((turn, 0.0, 0.0) for turn in (45.0, -45.0, 135.0, -135.0)),
+    *((0.0, turn, 0.0) for turn in (45.0, -45.0, 135.0, -135.0)),
+    *((90.0, 45.0, 0.0), (90.0, -45.0, 0.0), (-90.0, 45.0, 0.0), (50.0, 20.0, 30.0)),
 )
-CORNERS = ((50.0, 20.0, 30.0), (90.0, 45.0, 0.0), (90.0, -45.0, 0.0), (-90.0, 45.0, 0.0))
+"""Rotation vectors in degrees of attitudes half-way between faces."""
 
 
 def attitude(pose: str | Sequence[float], lean: Sequence[float] = (0.0, 0.0, 0.0)) -> FloatArray:
@@ -86,8 +88,7 @@ def recording(
     accel, gyro = ideal_samples(Motion(none, none, attitudes, np.ones(n + 1, bool)), RATE)
     t = np.arange(n) / RATE
     accel = accel + shake * np.stack([np.sin(31 * t), np.sin(37 * t), np.sin(43 * t)], 1)
-    north = Earth().field(1)[0] if hasattr(Earth(), "field") else np.array([0.0, 20.0, -44.0])
-    mag = rotate(attitudes[1:] * [1, -1, -1, -1], np.repeat(north[None], n, axis=0))
+    mag = rotate(attitudes[1:] * [1, -1, -1, -1], np.repeat(Earth().enu[None], n, axis=0))
     values = {"accelerometer": accel, "gyro": gyro, "magnetometer": mag}
     if errors is not None:
         values = {

@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import pty
+import signal
 import subprocess
 import threading
 import time
@@ -42,7 +43,8 @@ def served(file: Path, *options: str) -> Iterator[str]:
         assert process.stdout is not None
         yield process.stdout.readline().strip()
     finally:
-        process.terminate()
+        # As Ctrl-C does: a command that is killed leaves its board running.
+        process.send_signal(signal.SIGINT)
         process.wait()
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import serial
 import wire
 from board import Client, on, run
 from numpy.typing import NDArray
@@ -165,6 +166,8 @@ def test_wrong_settings_are_told() -> None:
     config = {
         "pose_evry": 1,
         "snapshot_s": "often",
+        "dlpf": 7,
+        "resume": "sometimes",
         "params": {"ALIGN_TICKS": 100, "SEEDS": 1, "SEED": 1.5, "RATE_MHZ": 0, "WINDOW": 32},
     }
     client = run(still(150), config)
@@ -172,7 +175,9 @@ def test_wrong_settings_are_told() -> None:
     assert sorted(client.texts()) == [
         ("error", "config.json: RATE_MHZ = 0 is not 1000 to 1000000"),
         ("error", "config.json: WINDOW = 32 is not 1 to 31"),
+        ("error", "config.json: dlpf can't be 7"),
         ("error", "config.json: parameter SEED can't be 1.5"),
+        ("error", "config.json: resume can't be 'sometimes'"),
         ("error", "config.json: snapshot_s can't be 'often'"),
         ("error", "config.json: there is no key pose_evry"),
         ("error", "config.json: there is no parameter SEEDS"),
@@ -342,9 +347,15 @@ def test_a_bus_failure_that_lasts() -> None:
 
 
 def test_a_crash_is_told() -> None:
-    """A window past the end of the state is nothing that the firmware checks."""
-    with on(still(), {"params": {"WINDOW": 5000}}) as (board, client):
-        client.to_the_end()
+    with SimulatedBoard(still()) as board:
+        source = board.folder / "application.py"
+        text = source.read_text(encoding="utf-8")
+        broken = text.replace("events = navigator.tick(", "events = 1 // 0 or navigator.tick(")
+        assert broken != text
+        source.write_text(broken, encoding="utf-8")
+        with serial.Serial(board.port, 460800, timeout=0.5) as port:
+            client = Client(port)
+            client.to_the_end()
         assert board.wait(5) == 1
         level, text = client.texts()[-1]
         assert level == "error"

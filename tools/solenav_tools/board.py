@@ -109,6 +109,8 @@ class SimulatedBoard:
         self._stopped = False
         self._closing = threading.Event()
         self._ended = threading.Event()
+        # Not Thread.join, which doesn't wait any more once Ctrl-C has broken into it.
+        self._over = threading.Event()
         self._lock = threading.Lock()
 
     def __enter__(self) -> SimulatedBoard:
@@ -150,7 +152,7 @@ class SimulatedBoard:
 
     def wait_until_read(self) -> None:
         """Until the firmware has ended and a client has read all that it sent."""
-        self._thread.join()
+        self._over.wait()
 
     def check(self) -> None:
         """SolenavError with the traceback, if the firmware has crashed."""
@@ -169,7 +171,7 @@ class SimulatedBoard:
             self._stopped = not self._ended.is_set()
             if self._process and self._process.poll() is None:
                 self._process.terminate()
-        self._thread.join()
+        self._over.wait()
         self._folder.cleanup()
 
     def _fill(self, folder: Path) -> None:
@@ -202,6 +204,7 @@ class SimulatedBoard:
             # With the last master the slave's unread bytes are gone and its readers see the end.
             os.close(self._slave)
             os.close(self._master)
+            self._over.set()
 
     def _client_came(self) -> bool:
         """Wait until a client has opened the port; False when closing."""

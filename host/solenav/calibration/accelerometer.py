@@ -78,9 +78,10 @@ def calibrate(recording: Recording) -> Found:
 
 
 def complaint(found: list[Pose], lacking: list[str]) -> str:
-    """Which faces are missing, and what was wrong with the poses that were meant for them."""
+    """Which faces are missing, and what was wrong with the last pose that was meant for each."""
     good = len(FACES) - len(lacking)
-    bad = [str(pose) for pose in found if pose.complaint and pose.face in lacking]
+    last = {pose.face: str(pose) for pose in found if pose.complaint}
+    bad = [last[face] for face in lacking if face in last]
     text = f"{good} of {len(FACES)} positions are there; missing: {', '.join(lacking)} up"
     return text + ("; refused: " + "; ".join(bad) if bad else "")
 
@@ -125,6 +126,15 @@ def fit(used: list[Pose], refused: list[Pose]) -> Found:
     )
 
 
+def sphere(force: FloatArray, *, skew: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Matrix (3, 3), bias (3,) and residual (n,) in m/s² that put forces (n, 3) on g's sphere.
+
+    Without `skew` the matrix is diagonal.
+    """
+    point, _jacobian, residual = _solve(force, skew)
+    return *_parts(point), residual
+
+
 def _solve(force: FloatArray, skew: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The fit's point (6 or 9,), Jacobian and residual (n,) in m/s² over forces (n, 3)."""
     from scipy.optimize import least_squares
@@ -134,9 +144,10 @@ def _solve(force: FloatArray, skew: bool) -> tuple[FloatArray, FloatArray, Float
         out = np.linalg.norm(force @ matrix.T - bias, axis=1) - mpu9150.STANDARD_GRAVITY
         return np.asarray(out)
 
-    start = np.concatenate([np.ones(3), np.zeros(6 if skew else 3)])
-    # A rest with a hand's tremor may be off; it shall not pull the others.
-    done = least_squares(off, start, loss="huber", f_scale=0.05, x_scale="jac")
+    plain = least_squares(off, np.concatenate([np.ones(3), np.zeros(6 if skew else 3)]))
+    # A rest with a hand's tremor may be off; it shall not pull the others. From afar a robust
+    # loss would get stuck.
+    done = least_squares(off, plain.x, loss="huber", f_scale=0.05)
     return done.x, done.jac, off(done.x)
 
 

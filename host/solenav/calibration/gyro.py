@@ -22,6 +22,7 @@ from solenav.sim.imu import from_rotation_vector, rotate
 
 REST_S = 3.0
 """So long in all it must rest."""
+_BLOCK_S = 0.1
 _TURN_MIN_DEG = 30.0
 _TURN_MAX_S = 30.0
 _TURNS_MIN = 6
@@ -33,7 +34,7 @@ _DISAGREE_DEG = 1.0
 class Found:
     """A gyro's calibration: corrected = matrix · measured - bias.
 
-    `matrix` (3, 3), `bias` (3,) rad/s; `noise` (3,) rad/s/√Hz at rest, one-sided; `rest_s` of
+    `matrix` (3, 3), `bias` (3,) rad/s; `noise` (3,) rad/s/√Hz at rest; `rest_s` of
     all rests, `spread` (3,) rad/s of the rests' means; of the turns their number, the error in
     gravity's direction before and after in degrees and the `sigma` (3, 3) of the matrix. `why`
     says why the matrix is the identity; empty where it was found.
@@ -57,7 +58,7 @@ class Found:
             "rest_s": round(self.rest_s, 2),
             "bias_deg_s": [round(float(v), 4) for v in self.bias * degrees],
             "bias_spread_deg_s": [round(float(v), 4) for v in self.spread * degrees],
-            "noise_deg_s_rthz": [round(float(v), 5) for v in self.noise * degrees],
+            "random_walk_deg_s_rthz": [round(float(v), 5) for v in self.noise * degrees],
             "turns": self.turns,
             "matrix_found": not self.why,
         }
@@ -96,11 +97,7 @@ def calibrate(recording: Recording, calibration: Calibration = IDENTITY) -> Foun
     length = np.array([pose.last - pose.first for pose in rests], dtype=np.float64)
     means = np.array([pose.rate for pose in rests])
     raw = length @ means / length.sum()
-    variance = sum(
-        recording.gyro[pose.first : pose.last].var(axis=0) * n
-        for pose, n in zip(rests, length, strict=True)
-    )
-    noise = np.sqrt(variance / length.sum() / (recording.rate_hz / 2))
+    noise = _noise(recording, rests)
     turns = _turns(recording, rests, calibration, raw)
     count = 0 if turns is None else len(turns.start)
     matrix, sigma, why = np.eye(3), None, ""
@@ -134,6 +131,17 @@ def calibrate(recording: Recording, calibration: Calibration = IDENTITY) -> Foun
         sigma=sigma,
         why=why,
     )
+
+
+def _noise(recording: Recording, rests: list[Pose]) -> FloatArray:
+    """The random walk (3,) rad/s/√Hz in rests: the Allan deviation at _BLOCK_S, times its root."""
+    n = max(1, round(_BLOCK_S * recording.rate_hz))
+    steps = []
+    for pose in rests:
+        rate = recording.gyro[pose.first : pose.last]
+        whole = len(rate) // n
+        steps.append(np.diff(rate[: whole * n].reshape(whole, n, 3).mean(axis=1), axis=0))
+    return np.asarray(np.sqrt((np.vstack(steps) ** 2).mean(axis=0) / 2 * n / recording.rate_hz))
 
 
 def _turns(

@@ -8,7 +8,6 @@ every attitude.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from solenav import mpu9150
 from solenav.calibration.model import IDENTITY, Calibration
+from solenav.calibration.still import DIRECTIONS, FACES
 from solenav.errors import SolenavError
 from solenav.recording import FloatArray, Recording
 
@@ -26,24 +26,13 @@ _WIDEST = 4.0  # of the longest to the shortest half-axis
 _RESIDUAL_MAX = 0.1  # of the field
 _SLOW = 0.5  # m/s², |a| so near to g is gravity
 _DIP_MIN_READINGS = 100
+_PARTS = 10
+_SURE_DEG = 0.5
 _DIP_MAX_DEG = 80.0  # nearer to the vertical the field tells no axes from gravity
 _TUMBLE = (
     "turn the sensor slowly through every attitude for a minute, far from steel: each axis, each "
     "edge and each corner between them once along the field and once against it"
 )
-
-
-def _directions() -> dict[str, FloatArray]:
-    """Faces, edges and corners of a cube by name, such as "+x" and "-y+z", as unit vectors."""
-    out = {}
-    for signs in product((1, 0, -1), repeat=3):
-        if any(signs):
-            name = "".join(f"{'+-'[s < 0]}{a}" for s, a in zip(signs, "xyz", strict=True) if s)
-            out[name] = np.array(signs) / np.linalg.norm(signs)
-    return dict(sorted(out.items(), key=lambda item: len(item[0])))
-
-
-DIRECTIONS = _directions()
 
 
 @dataclass(frozen=True)
@@ -53,9 +42,9 @@ class Found:
     `matrix` (3, 3) of determinant 1 but for the turn of the axes, so that µT stay µT; `bias`
     (3,) µT; `field_ut` the radius; `residual` (n,) of |corrected| less the radius in µT,
     `before` that of |measured| about its mean; `outliers` readings that the fit left aside.
-    `dip_deg` is the field's below the horizontal and `turned_deg` the turn of the axes,
-    `dip_before_deg` and `dip_after_deg` the spread of the dip without and with it; None where
-    gravity wasn't there.
+    `dip_deg` is the field's below the horizontal and `turned_deg` the turn of the axes, unsure
+    by `turned_unsure_deg`; `dip_before_deg` and `dip_after_deg` are the spread of the dip
+    without and with it. None where gravity wasn't there, or parts of the tumble disagree on it.
     """
 
     matrix: FloatArray
@@ -68,6 +57,7 @@ class Found:
     half_axes: FloatArray
     dip_deg: float | None = None
     turned_deg: float | None = None
+    turned_unsure_deg: float | None = None
     dip_before_deg: float | None = None
     dip_after_deg: float | None = None
 
@@ -82,7 +72,13 @@ class Found:
             "residual_ut": _spread(self.residual),
             "residual_before_ut": _spread(self.before),
         }
-        for name in ("dip_deg", "turned_deg", "dip_before_deg", "dip_after_deg"):
+        for name in (
+            "dip_deg",
+            "turned_deg",
+            "turned_unsure_deg",
+            "dip_before_deg",
+            "dip_after_deg",
+        ):
             value = getattr(self, name)
             if value is not None:
                 out[name] = round(float(value), 3)
@@ -112,13 +108,12 @@ def lacking(field: FloatArray) -> list[str]:
     if len(field) < READINGS_MIN:
         return list(DIRECTIONS)
     matrix, bias, _radius, _sound = _ellipsoid(field)
+    if not _possible(matrix):
+        # A part of an ellipsoid may fit anything; the middle of the readings is near enough.
+        matrix, bias = np.eye(3), np.percentile(field, [2, 98], axis=0).mean(axis=0)
     missed = uncovered(field @ matrix.T - bias)
-    enough = len(DIRECTIONS) - len(missed) >= _COVERED_MIN and not set(missed) & set(_faces())
+    enough = len(DIRECTIONS) - len(missed) >= _COVERED_MIN and not set(missed) & set(FACES)
     return [] if enough else missed
-
-
-def _faces() -> list[str]:
-    return [name for name in DIRECTIONS if len(name) == 2]
 
 
 def calibrate(recording: Recording, calibration: Calibration = IDENTITY) -> Found:
@@ -144,8 +139,7 @@ def calibrate(recording: Recording, calibration: Calibration = IDENTITY) -> Foun
     matrix, bias, radius, sound = _ellipsoid(field)
     corrected = field @ matrix.T - bias
     residual = np.linalg.norm(corrected, axis=1) - radius
-    axes = 1 / np.linalg.eigvalsh(matrix)
-    if axes.min() <= 0 or axes.max() > _WIDEST * axes.min():
+    if not _possible(matrix):
         raise SolenavError(
             "the readings lie on no ellipsoid that iron could make", "tumble it anew: " + _TUMBLE, 1
         )
@@ -166,16 +160,22 @@ def calibrate(recording: Recording, calibration: Calibration = IDENTITY) -> Foun
         before=size - size.mean(),
         outliers=int((~sound).sum()),
         covered=len(DIRECTIONS) - len(uncovered(corrected)),
-        half_axes=np.sort(axes),
+        half_axes=1 / np.linalg.eigvalsh(matrix)[::-1],
         **dips,
     )
+
+
+def _possible(matrix: FloatArray) -> bool:
+    """Whether a symmetric matrix (3, 3) is an ellipsoid's that iron could make."""
+    axes = np.linalg.eigvalsh(matrix)
+    return bool(axes[0] > 0 and axes[2] < _WIDEST * axes[0])
 
 
 def _ellipsoid(field: FloatArray) -> tuple[FloatArray, FloatArray, float, NDArray[np.bool_]]:
     """W (3, 3), symmetric, determinant 1; b (3,); the radius; which readings (n,) are sound."""
     from scipy.optimize import least_squares
 
-    centre = (np.percentile(field, 2, axis=0) + np.percentile(field, 98, axis=0)) / 2
+    centre = np.percentile(field, [2, 98], axis=0).mean(axis=0)
     radius = float(np.median(np.linalg.norm(field - centre, axis=1))) or 1.0
     unit = field / radius
     upper = np.triu_indices(3)
@@ -214,21 +214,28 @@ def _turn(field: FloatArray, force: FloatArray) -> tuple[FloatArray, dict[str, f
     def sines(turn: FloatArray) -> FloatArray:
         return np.asarray((Rotation.from_rotvec(turn).apply(unit) * -up).sum(axis=1))
 
-    start = np.append(np.zeros(3), np.median(sines(np.zeros(3))))
-    done = least_squares(lambda p: sines(p[:3]) - p[3], start, loss="soft_l1", f_scale=0.05)
-    dip = float(np.degrees(np.arcsin(np.clip(done.x[3], -1, 1))))
+    def solved(rows: NDArray[np.bool_]) -> FloatArray:
+        start = np.append(np.zeros(3), np.median(sines(np.zeros(3))))
+        done = least_squares(
+            lambda p: sines(p[:3])[rows] - p[3], start, loss="soft_l1", f_scale=0.05
+        )
+        return np.asarray(done.x)
+
+    found = solved(np.ones(len(unit), np.bool_))
+    turn = found[:3]
+    angle = float(np.degrees(np.linalg.norm(turn)))
+    dip = float(np.degrees(np.arcsin(np.clip(found[3], -1, 1))))
     before, after = (
-        _robust(np.degrees(np.arcsin(np.clip(sines(t), -1, 1)))) for t in (np.zeros(3), done.x[:3])
+        _robust(np.degrees(np.arcsin(np.clip(sines(t), -1, 1)))) for t in (np.zeros(3), turn)
     )
-    figures = {
-        "dip_deg": dip,
-        "turned_deg": float(np.degrees(np.linalg.norm(done.x[:3]))),
-        "dip_before_deg": before,
-        "dip_after_deg": after,
-    }
-    if abs(dip) > _DIP_MAX_DEG or after > before:
-        return np.eye(3), {"dip_deg": dip, "dip_before_deg": before}
-    return Rotation.from_rotvec(done.x[:3]).as_matrix(), figures
+    # Errors of a moving hand hang together for a while, so parts of the tumble are compared.
+    parts = np.arange(len(unit)) * _PARTS // len(unit) % 2 == 0
+    apart = float(np.degrees(np.linalg.norm(solved(parts)[:3] - solved(~parts)[:3])))
+    figures = {"dip_deg": dip, "dip_before_deg": before}
+    if abs(dip) > _DIP_MAX_DEG or after > before or apart > max(0.5 * angle, _SURE_DEG):
+        return np.eye(3), figures
+    figures |= {"turned_deg": angle, "turned_unsure_deg": apart / 2, "dip_after_deg": after}
+    return Rotation.from_rotvec(turn).as_matrix(), figures
 
 
 def _robust(values: FloatArray) -> float:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +17,24 @@ from solenav.errors import SolenavError
 from solenav.recording import FloatArray, Recording
 from solenav_core import messages
 
+
+def _directions() -> dict[str, FloatArray]:
+    out = {}
+    for signs in product((1, 0, -1), repeat=3):
+        if any(signs):
+            name = "".join(f"{'+-'[s < 0]}{a}" for s, a in zip(signs, "xyz", strict=True) if s)
+            out[name] = np.array(signs) / np.linalg.norm(signs)
+    return dict(sorted(out.items(), key=lambda item: len(item[0])))
+
+
+DIRECTIONS = _directions()
+"""Faces, edges and corners of a cube by name, such as "+x" and "-y+z", as unit vectors (3,)."""
+
 FACES = ("+x", "-x", "+y", "-y", "+z", "-z")
 """The sensor's axis that points up; the specific force at rest is along it."""
+
+EDGES = ("+x+y", "+x-y", "+y+z", "+y-z", "+x+z", "-x+z")
+"""Attitudes half-way between faces that tell how far the axes are from right angles."""
 
 WINDOW_S = 0.5
 STILL_ACCEL = 0.15  # m/s², standard deviation in a window: a steady hand, twice the noise
@@ -66,28 +85,32 @@ def from_capture(capture: Capture) -> Recording:
     """A capture's raw samples in SI units, with the magnetometer's new readings.
 
     As measured: nothing is corrected, whatever parameters the board ran with. SolenavError
-    where there are less than a second's.
+    where there is less than a second of them.
     """
     capture.need_schema()
     rows = capture.samples.rows
-    time_s = unwrap(rows["time"]) if len(rows) else np.empty(0)
-    if len(rows) < 3 or time_s[-1] - time_s[0] < 1.0:
+    if len(rows) < 2 or unwrap(rows["time"])[-1] - unwrap(rows["time"])[0] < 1.0:
         raise SolenavError(
             f"{capture.path} holds no second of samples",
             "record with the firmware's `send_samples` on",
         )
+    return from_rows(rows, capture.path.name)
+
+
+def from_rows(rows: NDArray[Any], source: str) -> Recording:
+    """Rows (n,) of SAMPLE, two at least, in SI units, as `from_capture` gives them."""
+    time_s = unwrap(rows["time"])
     accel, gyro = mpu9150.from_counts(np.hstack([rows["acc"], rows["gyro"]]))
     new = (rows["flags"] & messages.MAG_NEW) != 0
     mag = np.where(new[:, None], mpu9150.mag_from_counts(rows["mag"]), np.nan)
     period = float(np.median(np.diff(time_s)))
-    time_s = time_s - time_s[0]
     return Recording(
-        capture.path.stem,
-        time_s,
+        Path(source).stem,
+        time_s - time_s[0],
         accel,
         gyro,
         1.0 / max(period, 1e-6),
-        source=capture.path.name,
+        source=source,
         mag=mag if new.any() else None,
     )
 
@@ -178,12 +201,11 @@ def _pose(recording: Recording, first: int, last: int, fault: str = "") -> Pose:
     )
 
 
-def face_of(force: FloatArray) -> tuple[str, float]:
-    """The nearest of FACES to a specific force (3,), and the angle between them in degrees."""
-    axis = int(np.abs(force).argmax())
-    size = float(np.linalg.norm(force)) or 1.0
-    lean = float(np.degrees(np.arccos(min(1.0, abs(float(force[axis])) / size))))
-    return FACES[2 * axis + int(force[axis] < 0)], lean
+def face_of(force: FloatArray, faces: Sequence[str] = FACES) -> tuple[str, float]:
+    """The nearest of `faces` to a specific force (3,), and the angle between them in degrees."""
+    cosines = np.array([DIRECTIONS[face] for face in faces]) @ force
+    nearest = faces[int(cosines.argmax())]
+    return nearest, _angle(force, DIRECTIONS[nearest])
 
 
 def missing(found: list[Pose]) -> list[str]:

@@ -12,6 +12,7 @@ import typer
 
 from solenav.errors import SolenavError
 from solenav_tools.cli import (
+    calibrate,
     compare,
     download,
     evaluate,
@@ -50,6 +51,7 @@ app.command("plot")(plot.plot)
 app.command("evaluate")(evaluate.evaluate)
 app.command("compare")(compare.compare)
 app.command("tune")(tune.tune)
+app.add_typer(calibrate.app, name="calibrate")
 
 
 def main() -> None:

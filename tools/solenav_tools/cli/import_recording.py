@@ -10,6 +10,8 @@ import typer
 
 from solenav import datasets, importing
 from solenav.errors import SolenavError
+from solenav.parameters import Settings
+from solenav_tools.cli.calibrate import CalibrationFile, calibration_from
 from solenav_tools.cli.output import Json, check_output, say, say_json, warn
 
 Format = Enum("Format", {name: name for name in datasets.FORMATS}, type=str)  # type: ignore[misc]
@@ -31,6 +33,7 @@ def import_recording(
     ] = None,
     duration: Annotated[float | None, typer.Option(help="Only the first so many seconds.")] = None,
     foot: Annotated[Foot, typer.Option(help="Where the file holds both feet.")] = Foot.right,
+    calibration: CalibrationFile = None,
     as_json: Json = False,
 ) -> None:
     """Turn a public foot-mounted recording into MPU-9150 counts (±16 g, ±2000 °/s)."""
@@ -42,7 +45,8 @@ def import_recording(
                 f"{duration:g} s of {file} hold no two samples", "choose a longer --duration"
             )
     target = check_output(output or Path(f"{recording.name}.solcap"), ".solcap")
-    notes = importing.to_capture(recording, target)
+    settings = Settings(calibration=calibration_from(calibration))
+    notes = importing.to_capture(recording, target, settings)
     for what in ("accel", "gyro"):
         if notes[f"clipped_{what}"]:
             warn(

@@ -33,6 +33,11 @@ def warn(text: str) -> None:
     _errors.print(f"[yellow]warning:[/] {escape(text)}")
 
 
+def tell(text: str) -> None:
+    """A line on the way to the result."""
+    _errors.print(escape(text))
+
+
 def say(text: str) -> None:
     """A line of a result for people."""
     typer.echo(text)

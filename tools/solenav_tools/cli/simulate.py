@@ -11,10 +11,12 @@ from typing import Annotated
 import typer
 
 from solenav import importing
+from solenav.parameters import Settings
 from solenav.sim import scenario as scenarios
 from solenav.sim.field import Earth
 from solenav.sim.gait import SCENARIOS
 from solenav.sim.imu import IDEAL, TABLE1
+from solenav_tools.cli.calibrate import CalibrationFile, calibration_from
 from solenav_tools.cli.output import Json, check_output, say, say_json
 
 Scenario = Enum("Scenario", {name: name for name in SCENARIOS}, type=str)  # type: ignore[misc]
@@ -55,6 +57,7 @@ def simulate(
         bool, typer.Option("--indoors", help="Steel in the floor bends the magnetic field.")
     ] = False,
     declination: Annotated[float, typer.Option(help="Of magnetic North, ° clockwise.")] = 0.0,
+    calibration: CalibrationFile = None,
     as_json: Json = False,
 ) -> None:
     """Simulate a walk with a foot-mounted MPU-9150 into a capture, with its truth."""
@@ -79,7 +82,8 @@ def simulate(
         earth=Earth(declination=radians(declination)),
         indoors=indoors,
     )
-    notes = importing.to_capture(recording, output)
+    settings = Settings(calibration=calibration_from(calibration))
+    notes = importing.to_capture(recording, output, settings)
     if as_json:
         say_json({"capture": str(output), **notes})
     else:

@@ -1,0 +1,239 @@
+"""`solenav calibrate`: what undoes a board's errors, from recordings or from the board itself."""
+
+from __future__ import annotations
+
+import json
+import time
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from solenav import calibration as calibrations
+from solenav import capture
+from solenav.calibration import Calibration, accelerometer, guide, gyro, magnetometer
+from solenav.calibration.still import EDGES, FACES, from_capture
+from solenav.capture.sidecar import sidecar_path
+from solenav.errors import SolenavError
+from solenav.recording import Recording
+from solenav_tools.calibration_run import guided
+from solenav_tools.cli.calibrate_allan import calibrate_allan
+from solenav_tools.cli.output import Json, check_output, say, say_json, tell, warn, write_text
+from solenav_tools.cli.record import Baud
+from solenav_tools.ports import BAUD
+
+app = typer.Typer(
+    help="Find a board's calibration, and put it into the firmware's config.json.",
+    no_args_is_help=True,
+)
+
+Input = Annotated[
+    str, typer.Argument(help="A capture (.solcap), or a board's serial port.", metavar="INPUT")
+]
+Output = Annotated[
+    Path, typer.Option("-o", "--output", help="Calibration to write; one that is there is kept.")
+]
+Record = Annotated[
+    Path | None, typer.Option("--record", help="Keep what the board sent as a capture.")
+]
+CalibrationFile = Annotated[
+    Path | None, typer.Option("--calibration", help="A file of `solenav calibrate`.")
+]
+_DEFAULT = Path("calibration.json")
+
+
+@app.command("accelerometer")
+def calibrate_accelerometer(
+    source: Input,
+    output: Output = _DEFAULT,
+    edges: Annotated[
+        bool, typer.Option("--edges", help="Guide through six positions on edge as well.")
+    ] = False,
+    record: Record = None,
+    baud: Baud = BAUD,
+    as_json: Json = False,
+) -> None:
+    """From rests with each of the six faces up: scale, bias, and angles of the axes."""
+    before = _prepared(source, output)
+    if _is_port(source):
+        leader = guide.Poses(FACES + EDGES if edges else FACES)
+        guided(source, baud, leader, tell, _recording_to(record))
+        found = accelerometer.fit(list(leader.taken.values()), [])
+    else:
+        found = accelerometer.calibrate(_loaded(source))
+    for pose in found.refused:
+        warn(f"refused: {pose}")
+    if not found.skew:
+        tell("the rests don't tell the axes' angles: taken as right (more attitudes would)")
+    report = found.report()
+    _finish("accelerometer", before, output, source, found.matrix, found.bias, report, as_json)
+
+
+@app.command("gyro")
+def calibrate_gyro(
+    source: Input,
+    output: Output = _DEFAULT,
+    record: Record = None,
+    baud: Baud = BAUD,
+    as_json: Json = False,
+) -> None:
+    """From rest: bias and noise. From turns between rests, in a capture: scale and axes too."""
+    before = _prepared(source, output)
+    if _is_port(source):
+        recording = guided(source, baud, guide.Rest(), tell, _recording_to(record))
+    else:
+        recording = _loaded(source)
+    found = gyro.calibrate(recording, before)
+    if found.why:
+        tell(f"scale and axes stay as they are: {found.why}")
+    _finish("gyro", before, output, source, found.matrix, found.bias, found.report(), as_json)
+
+
+@app.command("magnetometer")
+def calibrate_magnetometer(
+    source: Input,
+    output: Output = _DEFAULT,
+    record: Record = None,
+    baud: Baud = BAUD,
+    as_json: Json = False,
+) -> None:
+    """From a tumble through all attitudes: hard and soft iron, axes turned to gravity's."""
+    before = _prepared(source, output)
+    if _is_port(source):
+        recording = guided(source, baud, guide.Tumble(), tell, _recording_to(record))
+    else:
+        recording = _loaded(source)
+    found = magnetometer.calibrate(recording, before)
+    report = found.report()
+    _finish("magnetometer", before, output, source, found.matrix, found.bias, report, as_json)
+
+
+app.command("allan")(calibrate_allan)
+
+
+@app.command("show")
+def show(
+    file: Annotated[Path, typer.Argument(help="A calibration.", metavar="FILE")],
+    as_json: Json = False,
+) -> None:
+    """Print a calibration, what it was made from, and its integers."""
+    found = calibrations.load(file)
+    if as_json:
+        say_json({**found.as_dict(), "params": found.words()})
+        return
+    content = found.as_dict()
+    for sensor in ("accelerometer", "gyro", "magnetometer"):
+        part = content[sensor]
+        bias = next(name for name in part if name.startswith("bias_"))
+        say(f"{sensor:15}{'matrix':^30}  {bias}")
+        for row, value in zip(part["matrix"], part[bias], strict=True):
+            say(" " * 15 + "".join(f"{v:10.5f}" for v in row) + f"  {value:10.5f}")
+        made = part.get("made_from")
+        say("  from " + _line(made) if made else "  not calibrated")
+    say(f"mounting: {found.mount}")
+
+
+@app.command("apply")
+def apply(
+    file: Annotated[Path, typer.Argument(help="A calibration.", metavar="FILE")],
+    config: Annotated[Path, typer.Argument(help="The firmware's config.json.", metavar="CONFIG")],
+    as_json: Json = False,
+) -> None:
+    """Write a calibration's integers under "params" of the firmware's config.json.
+
+    Every other key stays. A mounting in the file stays where the calibration's is "auto".
+    """
+    found = calibrations.load(file)
+    check_output(config, ".json")
+    if config.resolve() == file.resolve():
+        raise SolenavError(f"{config} is the calibration itself", "name the firmware's config.json")
+    content = _config(config)
+    words = found.words()
+    kept = dict(content.get("params", {}))
+    for name, value in calibrations.IDENTITY.words().items():
+        if name.startswith("MOUNT_") and found.mount == "auto":
+            continue
+        kept.pop(name, None)
+        if words[name] != value:
+            kept[name] = words[name]
+    write_text(config, json.dumps({**content, "params": kept}, indent=2) + "\n")
+    changed = {name: value for name, value in kept.items() if name in words}
+    if as_json:
+        say_json({"config": str(config), "params": changed})
+    else:
+        say(f"{config}: {len(changed)} parameters of the calibration; copy it beside main.py")
+
+
+def calibration_from(file: Path | None) -> Calibration:
+    """The calibration of an option `--calibration`; none without."""
+    return calibrations.IDENTITY if file is None else calibrations.load(file)
+
+
+def _prepared(source: str, output: Path) -> Calibration:
+    """The calibration that is in `output` already. SolenavError before any long work."""
+    if not find_spec("scipy"):
+        raise SolenavError("calibrating needs scipy", "pip install 'solenav[calibrate]'")
+    check_output(output, ".json")
+    if not _is_port(source) and output.resolve() == sidecar_path(Path(source)).resolve():
+        raise SolenavError(
+            f"{output} is what stands beside the capture", "choose another file for -o"
+        )
+    return calibrations.load(output) if output.exists() else calibrations.IDENTITY
+
+
+def _is_port(source: str) -> bool:
+    path = Path(source)
+    return path.suffix != ".solcap" and not path.is_file()
+
+
+def _recording_to(record: Path | None) -> Path | None:
+    return None if record is None else check_output(record, ".solcap")
+
+
+def _loaded(source: str) -> Recording:
+    return from_capture(capture.load(Path(source)))
+
+
+def _finish(
+    sensor: str,
+    before: Calibration,
+    output: Path,
+    source: str,
+    matrix: Any,
+    bias: Any,
+    report: dict[str, Any],
+    as_json: bool,
+) -> None:
+    """Merge what was found into the file, and say what it is."""
+    name = source if _is_port(source) else Path(source).name
+    made_from = {"source": name, "made": time.strftime("%Y-%m-%d"), **report}
+    merged = before.merged(sensor, matrix, bias, made_from)
+    calibrations.save(output, merged)
+    if as_json:
+        say_json({"calibration": str(output), "sensor": sensor, **merged.as_dict()[sensor]})
+        return
+    say(f"{output}: {sensor} calibrated from {name}")
+    for key, value in report.items():
+        say(f"  {key}: {value}")
+
+
+def _line(made: dict[str, Any]) -> str:
+    return ", ".join(f"{key} {value}" for key, value in made.items() if value not in ([], None))
+
+
+def _config(path: Path) -> dict[str, Any]:
+    """The object in a config.json; an empty one where there is no file."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except OSError as error:
+        raise SolenavError(f"can't read {path}: {error.strerror}", "check its name") from None
+    except ValueError as error:
+        raise SolenavError(f"{path} is no JSON: {error}", "mend it, or start with {}") from None
+    if not isinstance(content, dict) or not isinstance(content.get("params", {}), dict):
+        raise SolenavError(
+            f'{path} is no config.json: it or its "params" is no object', "start with {}"
+        )
+    return content
