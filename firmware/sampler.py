@@ -359,13 +359,11 @@ class Sampler:
                 self.fifo_overflows += 1
             self._break_off()
             self._rely_on(sensor.drop)
+            self._lack(fresh)
             return -1
         if waiting == 0:
             self._more = False
-            if fresh:
-                self._empty += 1
-                if self._empty >= _SILENT_PERIODS:
-                    self._anew("the sensor's FIFO stays empty: check its power")
+            self._lack(fresh)
             return -1
         try:
             flags = sensor.take(self._new)
@@ -387,6 +385,13 @@ class Sampler:
         self._account(self._steps(1) if self._broken else 1, own)
         self._broken = False
         return flags
+
+    def _lack(self, fresh):
+        """No sample in the FIFO, or parts of some, though there were pulses. SensorError."""
+        if fresh:
+            self._empty += 1
+            if self._empty >= _SILENT_PERIODS:
+                self._anew("the sensor's FIFO stays without samples: check its power")
 
     def _pass_time(self, elapsed):
         self._ticks = ticks_add(self._ticks, elapsed)

@@ -240,6 +240,17 @@ def test_a_fifo_that_cannot_be_reset_is_set_up_anew(bench: Bench) -> None:
     assert (sampler.fifo_overflows, sampler.recoveries, sampler.gaps) == (1, 1, 1)
 
 
+@pytest.mark.parametrize("enabled", [0x30, 0x08, 0xC8])
+def test_a_fifo_that_holds_parts_of_samples_only_is_set_up_anew(bench: Bench, enabled: int) -> None:
+    """FIFO_EN is lost: emptying the FIFO again and again would never end."""
+    sampler = bench.sampler()
+    bench.run(sampler, 100)
+    bench.model.corrupt(0x23, enabled)
+    bench.run(sampler, 100)
+    check(bench, sampler)
+    assert sampler.recoveries == 1
+
+
 @pytest.mark.parametrize("work", [0, 137, 1000, 3000])
 def test_overruns_of_the_registers_are_gaps_of_the_right_size(bench: Bench, work: int) -> None:
     sampler = bench.sampler(fifo=False)
