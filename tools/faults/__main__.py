@@ -45,12 +45,13 @@ restart or a difference that never was.
 _ACCIDENTS = """
 Of {tries} frames overwritten in 3 to 20 random bytes {passed} passed the 16-bit CRC: {share},
 where 2^-16 is 1.5e-05. The reader checks type and length besides, and a capture leaves out a
-frame whose tick, time stamp, position or velocity the frames on both sides contradict. The row
-above makes such frames on purpose: {made} of them, {left} still in the tables after that;
-`verify` contradicts {caught}, and {unnoticed} have no effect on anything that it compares. So a
-damaged frame gets into a proven run unnoticed with a probability of about {residual}. `evaluate`,
-`plot` and the monitor don't prove: there a wrong payload in its right place shows until the next
-frame, {shown} of all damaged frames. Verify before you trust a single point.
+frame whose tick the frames on both sides contradict, and `evaluate` and `plot` a pose whose
+position or velocity leaps away and back. The row above makes such frames on purpose: {made} of
+them, {left} still in the tables after that; `verify` contradicts {caught}, and {unnoticed} have
+no effect on anything that it compares. So a damaged frame gets into a proven run unnoticed with a
+probability of about {residual}. `evaluate`, `plot` and the monitor don't prove: there a wrong
+payload in its right place shows until the next frame, {shown} of all damaged frames. Verify
+before you trust a single point.
 """
 
 
