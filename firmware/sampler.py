@@ -148,6 +148,7 @@ class Sampler:
         self._suspected = 0  # pulses, then
         self._missing = 0  # samples lost since the last good one
         self._row = 0  # spikes among them, in a row
+        self._doubtful = False  # the last good one may have been none
         self._alike = 0
         self._stuck = 0  # different samples still to come after frozen ones
         self._empty = 0
@@ -249,7 +250,7 @@ class Sampler:
             flags |= _GAP_BEFORE
             self.gaps += 1
             self.lost_samples += lost
-        adopt(self._new, self.sample, flags | (min(lost, _LOST_MAX) << 8))
+        adopt(self._new, self.sample, flags | (self._told(lost) << 8))
         self.flags = flags
         self.lost = lost
         self.samples += 1
@@ -259,6 +260,13 @@ class Sampler:
         self._begun = True
         self._check_compass()
         return True
+
+    def _told(self, lost):
+        """What the sample says of those before it; the most where even the last one is in doubt."""
+        if self._doubtful:
+            self._doubtful = False
+            return _LOST_MAX
+        return min(lost, _LOST_MAX)
 
     def period(self):
         """The learned sample period, Q8 µs."""
@@ -467,6 +475,9 @@ class Sampler:
 
     def _without_spike(self, flags):
         """The flags of the sample; _SPIKE where it is one, which is counted then."""
+        if self._row == _SPIKES_MAX and jumps(self._new, self.sample):
+            # It is none of them that was the spike, but what they were held against.
+            self._doubtful = True
         adjacent = self._begun and self._missing == self._row < _SPIKES_MAX
         if not adjacent or not jumps(self._new, self.sample):
             return flags

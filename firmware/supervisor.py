@@ -50,7 +50,8 @@ class Clock:
         if sampler.samples < self._next:
             return False
         self._next += min(3 * self._next, _LOOKS_MAX)
-        return sampler.intervals >= _FIRST_LOOK and self.set(sampler.period())
+        # Not every sample has a time of its own.
+        return sampler.intervals >= _FIRST_LOOK // 2 and self.set(sampler.period())
 
     def set(self, period_q8):
         """Samples come every `period_q8` / 256 µs (0: unknown): whether that changes anything."""

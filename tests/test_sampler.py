@@ -535,6 +535,9 @@ def test_more_than_three_spikes_are_a_motion(bench: Bench, fifo: bool) -> None:
     assert sampler.lost_samples == 3
     (gap,) = [t for t in bench.taken if t.lost]
     assert gap.number == first + 3
+    # Or what came before was one that nobody noticed: the core is told that nothing is sure.
+    assert gap.words[9] >> 8 == messages.LOST_MAX
+    assert all(t.words[9] >> 8 == 0 for t in bench.taken if t.number > first + 3)
 
 
 def test_a_bit_lost_on_the_way_is_read_again(bench: Bench) -> None:
