@@ -550,6 +550,28 @@ def test_a_bit_lost_on_the_way_is_read_again(bench: Bench) -> None:
     assert sampler.spikes == sampler.lost_samples == 0
 
 
+@MODES
+@pytest.mark.parametrize(("by", "around"), [(-19000, 1500), (17000, 5000), (9000, 560)])
+def test_a_spike_that_only_its_end_gives_away_is_told(
+    bench: Bench, fifo: bool, by: int, around: int
+) -> None:
+    """While the foot turns about other axes as well a single sample may pass for motion."""
+    spike = 60
+
+    def values(i: int) -> tuple[int, ...]:
+        made = list(still(i))
+        made[4] += around if i == spike else 0
+        made[6] += by if i == spike else 0
+        return tuple(made)
+
+    bench.values = values
+    sampler = bench.sampler(fifo=fifo)
+    bench.run(sampler, 100)
+    told = [t for t in bench.taken if t.words[9] >> 8]
+    assert [(t.number, t.words[9] >> 8) for t in told] == [(spike + 1, messages.LOST_MAX)]
+    assert (sampler.spikes, sampler.lost_samples) == (1, 0)
+
+
 def test_no_step_of_the_recordings_is_a_spike(data: Path) -> None:
     """Over all foot recordings; the limits' comment has the largest jumps."""
     walks = []
@@ -560,13 +582,15 @@ def test_no_step_of_the_recordings_is_a_spike(data: Path) -> None:
                 walks.append((path.name, datasets.read(path, format_)))
     assert len(walks) >= 20
     with imu_bench.on() as bench:
-        jumps = bench.modules["sampler"].jumps
+        jumps, returned = bench.modules["sampler"].jumps, bench.modules["sampler"].returned
         for name, walk in walks:
             counts = mpu9150.to_counts(walk.accel, walk.gyro).counts.astype(np.int64)
             steps = np.abs(np.diff(counts, axis=0)).max(axis=1)
             # Only what could be one: the smallest limit is 1024.
             for i in np.flatnonzero(steps > 1000).tolist():
-                assert not jumps(counts[i + 1].tolist(), counts[i].tolist()), (name, i)
+                new, old = counts[i + 1].tolist(), counts[i].tolist()
+                assert not jumps(new, old), (name, i)
+                assert not i or not returned(new, old, counts[i - 1].tolist()), (name, i)
 
 
 @MODES
