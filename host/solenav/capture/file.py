@@ -141,10 +141,10 @@ class _Scan:
                 begins.append(at)
                 at = end
                 continue
-            found = self._next_chain(start)
             # A length may have led to something like a header: look from a few records before.
             since = max(len(out) - _DOUBTED, settled)
-            records, left, at = self._mended([*begins, at][since], found, out[:since][-_NEAR:])
+            founds = self._next_chains(start, out[-1][0] if out else arrival)
+            records, left, at = self._mended([*begins, at][since], founds, out[:since][-_NEAR:])
             out[since:] = records
             settled = len(out)
             begins[since:] = [at] * len(records)
@@ -153,24 +153,34 @@ class _Scan:
         return out, len(data) - at
 
     def _mended(
-        self, at: int, found: int, before: list[tuple[float, bytes]]
+        self, at: int, founds: list[int], before: list[tuple[float, bytes]]
     ) -> tuple[list[tuple[float, bytes]], int, int]:
-        """The best reading from `at` to the chain at `found`, what is left over, where to go on.
+        """The best reading from `at` to a chain at one of `founds`, what is left, where to go on.
 
         The frames that come out whole decide, with those that reach in from before and out to
-        behind. The chain's own first header may be an accident, so it is doubted as well.
+        behind. A chain's own first header may be an accident, so it is doubted as well.
         """
-        choices = self._between(at, found)
-        stop = found
-        if found < len(self.data):
-            arrival, length = _RECORD.unpack_from(self.data, found)
-            start = found + _RECORD.size
-            stop = min(start + length, len(self.data))
-            first = arrival, self.data[start:stop]
-            choices = [([*records, first], left) for records, left in choices]
-            choices += self._between(at, stop)
-        after = self._by_lengths(stop, stop + _RECORD_MAX)[0][:_NEAR]
-        records, left = max(choices, key=lambda choice: _frames([*before, *choice[0], *after]))
+        choices: list[tuple[Records, int]] = []
+        for found in founds:
+            between = self._between(at, found)
+            stop = found
+            if found < len(self.data):
+                arrival, length = _RECORD.unpack_from(self.data, found)
+                start = found + _RECORD.size
+                stop = min(start + length, len(self.data))
+                first = arrival, self.data[start:stop]
+                between = [([*records, first], left) for records, left in between]
+                between += self._between(at, stop)
+            choices += [(choice, stop) for choice in between]
+        # All are judged by the frames up to the same byte.
+        last = max(stop for _choice, stop in choices)
+        near = self._by_lengths(last, last + _RECORD_MAX)[0][:_NEAR]
+        end = last + sum(_RECORD.size + len(data) for _arrival, data in near)
+
+        def frames(choice: Records, stop: int) -> int:
+            return _frames([*before, *choice[0], *self._by_lengths(stop, end)[0]])
+
+        (records, left), stop = max(choices, key=lambda choice: frames(*choice))
         return records, left, stop
 
     def _follows(self, arrival: float, at: int) -> bool:
@@ -223,25 +233,36 @@ class _Scan:
             at += _RECORD.size + length
         return True
 
-    def _next_chain(self, start: int) -> int:
-        """Where the first chain at or after `start` begins; the end of the file if none does."""
+    def _next_chains(self, start: int, last: float) -> list[int]:
+        """Where a chain at or after `start` may begin; the end of the file if none does.
+
+        The first one, and where its time doesn't go on from `last` (s), which in noise is easily
+        met, the first one near it whose time does.
+        """
         searched, found = self._found
         if not searched <= start <= found:
-            found = self._search(start)
+            found = self._search(start, len(self.data))
             self._found = start, found
-        return found
+        if found == len(self.data) or self._follows(last, found):
+            return [found]
+        reach = min(found + _CHAIN * (_RECORD_MAX + _RECORD.size), len(self.data))
+        follower = self._search(found, reach, last)
+        return [found] if follower == reach else [found, follower]
 
-    def _search(self, start: int) -> int:
-        for block in range(start, len(self.data) - _RECORD.size + 1, _BLOCK):
-            piece = np.frombuffer(self.data[block : block + _BLOCK + 7], np.uint8)
+    def _search(self, start: int, stop: int, last: float | None = None) -> int:
+        """The first place before `stop` where a chain begins, one that goes on from `last`."""
+        for block in range(start, stop - _RECORD.size + 1, _BLOCK):
+            piece = np.frombuffer(self.data[block : min(block + _BLOCK + 7, stop)], np.uint8)
             windows = np.lib.stride_tricks.sliding_window_view(piece, 8)
             times = np.ascontiguousarray(windows).view("<f8")[:, 0]
             with np.errstate(invalid="ignore"):
-                likely = np.flatnonzero(_likely(times))
-            for offset in likely.tolist():
+                likely = _likely(times)
+                if last is not None:
+                    likely &= (times >= last) & (times <= last + _PAUSE_MAX)
+            for offset in np.flatnonzero(likely).tolist():
                 if self._chained(block + offset):
                     return block + int(offset)
-        return len(self.data)
+        return stop
 
     def _by_lengths(self, at: int, stop: int) -> Records:
         """The records between two places as their lengths say, and what is left of a last one."""
