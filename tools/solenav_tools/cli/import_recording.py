@@ -11,6 +11,7 @@ import typer
 from solenav import datasets, importing
 from solenav.errors import SolenavError
 from solenav.parameters import Settings
+from solenav_tools import settings
 from solenav_tools.cli.calibrate import CalibrationFile, calibration_from
 from solenav_tools.cli.output import Json, check_output, say, say_json, warn
 
@@ -37,6 +38,7 @@ def import_recording(
     as_json: Json = False,
 ) -> None:
     """Turn a public foot-mounted recording into MPU-9150 counts (±16 g, ±2000 °/s)."""
+    chosen = settings.load().apply(Settings(calibration=calibration_from(calibration)))
     recording = datasets.read(file, format.value, foot=foot.value)
     if duration is not None:
         recording = recording.first(duration)
@@ -45,8 +47,7 @@ def import_recording(
                 f"{duration:g} s of {file} hold no two samples", "choose a longer --duration"
             )
     target = check_output(output or Path(f"{recording.name}.solcap"), ".solcap")
-    settings = Settings(calibration=calibration_from(calibration))
-    notes = importing.to_capture(recording, target, settings)
+    notes = importing.to_capture(recording, target, chosen)
     for what in ("accel", "gyro"):
         if notes[f"clipped_{what}"]:
             warn(

@@ -19,6 +19,13 @@ Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 CaptureFile = Annotated[Path, typer.Argument(help="A capture (.solcap).", metavar="CAPTURE")]
 
 _errors = Console(stderr=True, soft_wrap=True, highlight=False)
+_quiet = False
+
+
+def be_quiet() -> None:
+    """From now on only errors, warnings and what was asked for with `--json`."""
+    global _quiet
+    _quiet = True
 
 
 def fail(error: SolenavError) -> int:
@@ -35,12 +42,14 @@ def warn(text: str) -> None:
 
 def tell(text: str) -> None:
     """A line on the way to the result."""
-    _errors.print(escape(text))
+    if not _quiet:
+        _errors.print(escape(text))
 
 
 def say(text: str) -> None:
     """A line of a result for people."""
-    typer.echo(text)
+    if not _quiet:
+        typer.echo(text)
 
 
 def say_json(result: dict[str, Any]) -> None:
@@ -50,7 +59,7 @@ def say_json(result: dict[str, Any]) -> None:
 @contextmanager
 def progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
     """A progress bar on a terminal, nothing in a pipe; yields a function that takes what's done."""
-    if not _errors.is_terminal:
+    if _quiet or not _errors.is_terminal:
         yield lambda done: None
         return
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())

@@ -16,6 +16,7 @@ from solenav.sim import scenario as scenarios
 from solenav.sim.field import Earth
 from solenav.sim.gait import SCENARIOS
 from solenav.sim.imu import IDEAL, TABLE1
+from solenav_tools import settings
 from solenav_tools.cli.calibrate import CalibrationFile, calibration_from
 from solenav_tools.cli.output import Json, check_output, say, say_json
 
@@ -61,6 +62,7 @@ def simulate(
     as_json: Json = False,
 ) -> None:
     """Simulate a walk with a foot-mounted MPU-9150 into a capture, with its truth."""
+    chosen = settings.load().apply(Settings(calibration=calibration_from(calibration)))
     check_output(output, ".solcap")
     model = TABLE1 if errors is Errors.table1 else IDEAL
     if accel_bias is not None:
@@ -82,8 +84,7 @@ def simulate(
         earth=Earth(declination=radians(declination)),
         indoors=indoors,
     )
-    settings = Settings(calibration=calibration_from(calibration))
-    notes = importing.to_capture(recording, output, settings)
+    notes = importing.to_capture(recording, output, chosen)
     if as_json:
         say_json({"capture": str(output), **notes})
     else:
