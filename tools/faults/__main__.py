@@ -168,6 +168,7 @@ flash). A checkpoint every 2 s. Each pose is laid beside the one of a fault-free
 sample. *Survived*: navigating in the last second, or, with the sensor gone for good, in a clear
 fault. *Flagged*: the last pose says GAP, RESUMED, SATURATED or FROZEN. *Error*: of the last pose;
 what was walked while there were no samples is lost, and a metre of it is an error of a metre.
+*Samples lost*: against the fault-free run; below 0 where a fast clock gave more.
 *Silent*: runs in which poses without a flag are more than {tolerance} m off for longer than
 {detection} s. *Unproven*: `verify` finds a difference between the firmware and the core on the
 host, or nothing to compare. *Records lost*: bytes that the black box had acknowledged in STATUS

@@ -58,7 +58,7 @@ def calibrate_accelerometer(
     before = _prepared(source, output)
     if _is_port(source):
         leader = guide.Poses(FACES + EDGES if edges else FACES)
-        guided(source, baud, leader, tell, _recording_to(record))
+        _followed(source, baud, leader, record)
         found = accelerometer.fit(list(leader.taken.values()), [])
     else:
         found = accelerometer.calibrate(_loaded(source))
@@ -80,10 +80,7 @@ def calibrate_gyro(
 ) -> None:
     """From rest: bias and noise. From turns between rests, in a capture: scale and axes too."""
     before = _prepared(source, output)
-    if _is_port(source):
-        recording = guided(source, baud, guide.Rest(), tell, _recording_to(record))
-    else:
-        recording = _loaded(source)
+    recording = _guided_or_loaded(source, baud, guide.Rest(), record)
     found = gyro.calibrate(recording, before)
     if found.why:
         tell(f"scale and axes stay as they are: {found.why}")
@@ -100,10 +97,7 @@ def calibrate_magnetometer(
 ) -> None:
     """From a tumble through all attitudes: hard and soft iron, axes turned to gravity's."""
     before = _prepared(source, output)
-    if _is_port(source):
-        recording = guided(source, baud, guide.Tumble(), tell, _recording_to(record))
-    else:
-        recording = _loaded(source)
+    recording = _guided_or_loaded(source, baud, guide.Tumble(), record)
     found = magnetometer.calibrate(recording, before)
     report = found.report()
     _finish("magnetometer", before, output, source, found.matrix, found.bias, report, as_json)
@@ -187,8 +181,17 @@ def _is_port(source: str) -> bool:
     return path.suffix != ".solcap" and not path.is_file()
 
 
-def _recording_to(record: Path | None) -> Path | None:
-    return None if record is None else check_output(record, ".solcap")
+def _followed(source: str, baud: int, leader: guide.Guide, record: Path | None) -> Recording:
+    """What a board measures while the person does as the guide says."""
+    recording_to = None if record is None else check_output(record, ".solcap")
+    return guided(source, baud, leader, tell, recording_to)
+
+
+def _guided_or_loaded(
+    source: str, baud: int, leader: guide.Guide, record: Path | None
+) -> Recording:
+    """From a port with a guide, or a capture made before."""
+    return _followed(source, baud, leader, record) if _is_port(source) else _loaded(source)
 
 
 def _loaded(source: str) -> Recording:
