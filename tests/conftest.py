@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from solenav import capture, importing, replay
+from solenav import capture, importing, replaying
 from solenav.sim.scenario import simulate
 
 # The first call may compile; nothing here is timed.
@@ -39,7 +39,7 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def replayed(walk: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The walk with everything that the firmware would have sent."""
     path = tmp_path_factory.mktemp("replayed") / "replayed.solcap"
-    replay.replay(capture.load(walk), path, engine="fast")
+    replaying.replay(capture.load(walk), path, engine="fast")
     return path
 
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from cli import refused, solenav
 
-from solenav import capture, importing, link
-from solenav import replay as replaying
+from solenav import capture, importing, link, replaying
 from solenav.recording import Recording
 from solenav_core import messages
 

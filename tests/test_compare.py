@@ -20,12 +20,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from solenav import importing
-from solenav.compare import faults, metrics, runs, table
-from solenav.compare.faults import spoil, stances
-from solenav.compare.metrics import score
-from solenav.compare.runs import CLEAN, Condition
+from solenav.comparison import faults, metrics, runs, table
+from solenav.comparison.faults import spoil, stances
+from solenav.comparison.metrics import score
+from solenav.comparison.runs import CLEAN, Condition
 from solenav.errors import SolenavError
-from solenav.evaluate import Errors
+from solenav.evaluation import Errors
 from solenav.filters import Track, Walk, walk
 from solenav.recording import Recording, Truth
 from solenav.sim.scenario import simulate

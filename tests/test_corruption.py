@@ -23,8 +23,8 @@ from solenav.capture import file as capture_file
 from solenav.capture import sidecar
 from solenav.capture.summary import summary
 from solenav.errors import SolenavError
-from solenav.evaluate import evaluate
-from solenav.verify import verify
+from solenav.evaluation import evaluate
+from solenav.verification import verify
 from solenav_core import layout, messages, navigator
 from solenav_tools.live import Live
 

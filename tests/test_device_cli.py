@@ -17,9 +17,8 @@ from pathlib import Path
 import pytest
 from cli import SOLENAV, refused, solenav
 
-from solenav import capture, link
-from solenav import replay as replaying
-from solenav.verify import verify
+from solenav import capture, link, replaying
+from solenav.verification import verify
 
 
 @pytest.fixture(scope="module")

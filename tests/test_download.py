@@ -29,7 +29,7 @@ from solenav import capture, link
 from solenav.capture.sidecar import read_sidecar
 from solenav.errors import SolenavError
 from solenav.sim.board import simtime
-from solenav.verify import verify
+from solenav.verification import verify
 from solenav_core import messages
 from solenav_tools import download, firmware_run, recorder
 from solenav_tools.board import SimulatedBoard

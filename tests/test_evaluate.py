@@ -14,11 +14,11 @@ import pytest
 from numpy.typing import NDArray
 
 from solenav import capture as captures
-from solenav import importing, replay
+from solenav import importing, replaying
 from solenav.capture import Capture, CaptureWriter, read_records
 from solenav.capture.contents import Table
 from solenav.errors import SolenavError
-from solenav.evaluate import Errors, compare, evaluate, last_run
+from solenav.evaluation import Errors, compare, evaluate, last_run
 from solenav.recording import FloatArray, Recording, Truth
 from solenav.sim.scenario import simulate
 
@@ -30,7 +30,7 @@ def replayed(recording: Recording, folder: Path, pose_every: int = 1) -> Path:
     """A capture with poses of a recording."""
     raw, path = folder / "raw.solcap", folder / "walk.solcap"
     importing.to_capture(recording, raw)
-    replay.replay(captures.load(raw), path, engine="fast", pose_every=pose_every)
+    replaying.replay(captures.load(raw), path, engine="fast", pose_every=pose_every)
     return path
 
 
@@ -81,7 +81,7 @@ class WithTruth:
 
     def __call__(self, truth: Truth | None) -> Capture:
         shutil.copy(self.walk, self.path)
-        replay.finish(self.path, {}, truth)
+        replaying.finish(self.path, {}, truth)
         return captures.load(self.path)
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from solenav import capture, importing, mpu9150, replay
+from solenav import capture, importing, mpu9150, replaying
 from solenav.datasets import read
 from solenav.errors import SolenavError
 from solenav.recording import FloatArray, Recording
@@ -45,7 +45,7 @@ def mag_of(recording: Recording) -> FloatArray:
     return recording.mag
 
 
-def flagged(samples: replay.Samples, flag: int) -> NDArray[np.intp]:
+def flagged(samples: replaying.Samples, flag: int) -> NDArray[np.intp]:
     return np.flatnonzero(samples.flags & flag)
 
 

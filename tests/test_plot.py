@@ -13,11 +13,11 @@ import pytest
 from numpy.typing import NDArray
 
 from solenav import capture as captures
-from solenav import importing, replay
+from solenav import importing, replaying
 from solenav.capture import Capture
 from solenav.capture.contents import Table
 from solenav.errors import SolenavError
-from solenav.plot import DPI, SIZE_IN, envelope, plot
+from solenav.plotting import DPI, SIZE_IN, envelope, plot
 from solenav.recording import Recording, Truth
 from solenav.sim.scenario import simulate
 
@@ -45,7 +45,7 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "ten strides", whole.time_s[:n], whole.accel[:n], whole.gyro[:n], 200.0, truth
     )
     importing.to_capture(recording, folder / "raw.solcap")
-    replay.replay(captures.load(folder / "raw.solcap"), path, engine="fast")
+    replaying.replay(captures.load(folder / "raw.solcap"), path, engine="fast")
     return path
 
 
@@ -53,7 +53,7 @@ def with_truth(walk: Path, folder: Path, truth: Truth | None) -> Capture:
     """The walk with another truth."""
     path = folder / "other.solcap"
     shutil.copy(walk, path)
-    replay.finish(path, {}, truth)
+    replaying.finish(path, {}, truth)
     return captures.load(path)
 
 
@@ -160,7 +160,9 @@ def test_a_single_pose_is_no_trouble(walk: Path, tmp_path: Path) -> None:
 
 def test_a_standing_foot_is_no_trouble(tmp_path: Path) -> None:
     importing.to_capture(simulate("stand", duration_s=4.0), tmp_path / "raw.solcap")
-    replay.replay(captures.load(tmp_path / "raw.solcap"), tmp_path / "stand.solcap", engine="fast")
+    replaying.replay(
+        captures.load(tmp_path / "raw.solcap"), tmp_path / "stand.solcap", engine="fast"
+    )
     assert drawn(captures.load(tmp_path / "stand.solcap"), tmp_path).min() < 0.5
 
 

@@ -22,7 +22,7 @@ from wire import Message
 from solenav import capture, engines, importing, parameters
 from solenav.sim.board import simtime
 from solenav.sim.scenario import simulate
-from solenav.verify import Report, verify
+from solenav.verification import Report, verify
 from solenav_core import layout, messages
 from solenav_core.messages import ALIGNING, FAULT, IDLE, RESUMING, RUNNING
 from solenav_core.params import NAMES

@@ -25,8 +25,8 @@ from solenav_core.tables.defaults import PARAMS
 pytest.importorskip("numba")
 pytest.importorskip("scipy")
 
-from solenav import tune as tuning
-from solenav.tune import Report, configured, error_m, from_capture, from_recording, run, tune
+from solenav import tuning
+from solenav.tuning import Report, configured, error_m, from_capture, from_recording, run, tune
 
 # A foot at rest is outside: what remains are moments of the swing.
 SPOILT = replace(Settings(), accel_min=10.5, accel_max=19.0)

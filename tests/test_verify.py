@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solenav import capture, link
-from solenav import replay as replaying
+from solenav import capture, link, replaying
 from solenav.errors import SolenavError
-from solenav.verify import Report, verify
+from solenav.verification import Report, verify
 from solenav_core import messages
 from solenav_core.params import retimed
 

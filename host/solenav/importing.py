@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solenav import mpu9150, parameters, replay
+from solenav import mpu9150, parameters, replaying
 from solenav.recording import FloatArray, Recording
 from solenav_core import messages
 
@@ -34,7 +34,7 @@ def parameters_of(recording: Recording, settings: parameters.Settings | None = N
     return parameters.to_integers(settings, recording.rate_hz)
 
 
-def samples_of(recording: Recording) -> tuple[replay.Samples, mpu9150.Counts]:
+def samples_of(recording: Recording) -> tuple[replaying.Samples, mpu9150.Counts]:
     """A recording as an MPU-9150 would have given it, and its counts with what was clipped.
 
     Samples at full scale are flagged. The magnetometer is read as the board reads an AK8975:
@@ -51,7 +51,7 @@ def samples_of(recording: Recording) -> tuple[replay.Samples, mpu9150.Counts]:
     if recording.mag is not None:
         mag, mag_flags = _readings(recording.time_s, recording.mag)
         flags = flags + mag_flags
-    samples = replay.Samples(
+    samples = replaying.Samples(
         np.rint(recording.time_s * 1e6).astype(np.int64),
         counted.counts,
         np.full(count, ROOM_TEMPERATURE, np.int16),
@@ -102,5 +102,5 @@ def to_capture(
         "notes": recording.notes,
     }
     text = f"host; {recording.source}"
-    replay.write_samples(path, samples, params, text=text, notes=notes, truth=recording.truth)
+    replaying.write_samples(path, samples, params, text=text, notes=notes, truth=recording.truth)
     return notes

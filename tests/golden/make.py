@@ -26,7 +26,7 @@ sys.path.insert(0, str(ROOT / "tools" / "studies"))
 from recordings import walks  # noqa: E402
 
 from solenav import engines, parameters  # noqa: E402
-from solenav.compare.metrics import score  # noqa: E402
+from solenav.comparison.metrics import score  # noqa: E402
 from solenav.engines.traced import trace  # noqa: E402
 from solenav.filters.walk import Track, Walk  # noqa: E402
 from solenav.sim import torture  # noqa: E402

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from solenav import capture, engines, importing, parameters, replay
+from solenav import capture, engines, importing, parameters, replaying
 from solenav.sim.scenario import simulate
 from solenav_core import layout, messages
 from solenav_tools.board import find_micropython, stage
@@ -126,7 +126,7 @@ def link_bytes() -> dict[str, float]:
         out: dict[str, float] = {}
         for every in (1, 4):
             path = Path(folder) / f"every{every}.solcap"
-            replay.replay(source, path, engine="fast", pose_every=every)
+            replaying.replay(source, path, engine="fast", pose_every=every)
             sent = sum(len(data) for _t, data in capture.read_records(path))
             out[f"pose_every_{every}"] = sent / len(source.samples)
     # Type, seq, tick, CRC, the byte of COBS and the delimiter.

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import firmware
 import host
-from solenav.compare.table import Sheet, to_markdown
+from solenav.comparison.table import Sheet, to_markdown
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tools" / "studies"))

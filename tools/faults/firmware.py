@@ -23,7 +23,7 @@ from solenav import capture, engines, link, mpu9150, parameters
 from solenav.errors import SolenavError
 from solenav.recording import FloatArray
 from solenav.sim.scenario import simulate
-from solenav.verify import verify
+from solenav.verification import verify
 from solenav_core import layout, messages
 from solenav_tools.board import Samples, SimulatedBoard
 from solenav_tools.ports import PortVanished, open_port, read_some

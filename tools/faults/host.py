@@ -29,17 +29,17 @@ import numpy as np
 from cobs import cobs
 from numpy.typing import NDArray
 
-from solenav import capture, importing, link, parameters, replay
+from solenav import capture, importing, link, parameters, replaying
 from solenav.capture import sidecar
 from solenav.capture.contents import Capture
 from solenav.capture.file import MAGIC
 from solenav.capture.summary import summary
 from solenav.errors import SolenavError
-from solenav.evaluate import evaluate
-from solenav.plot import plot
+from solenav.evaluation import evaluate
+from solenav.plotting import plot
 from solenav.recording import Recording
 from solenav.sim.scenario import simulate
-from solenav.verify import verify
+from solenav.verification import verify
 from solenav_core import messages
 from solenav_tools.live import Live
 
@@ -233,7 +233,7 @@ def _replayed(folder: Path, stop_s: float) -> Subject:
         stretch(simulate("loop", seed=5, rate_hz=100.0), 14.3, stop_s), walk, settings
     )
     run = folder / "run.solcap"
-    replay.replay(capture.load(walk), run, engine=ENGINE, snapshot_s=1.0)
+    replaying.replay(capture.load(walk), run, engine=ENGINE, snapshot_s=1.0)
     notes = sidecar.sidecar_path(walk).read_text(encoding="utf-8")
     truth = sidecar.truth_path(walk).read_text(encoding="utf-8")
     return Subject("a tick a record", capture.read_records(run), notes, truth)
@@ -587,7 +587,7 @@ def _tables(
 def _drawn(found: Capture, path: Path, outcome: Outcome) -> None:
     _accepted(outcome, "plot", lambda: plot(found, path.with_suffix(".png")))
     again = path.with_name("again.solcap")
-    _accepted(outcome, "replay", lambda: replay.replay(found, again, engine=ENGINE))
+    _accepted(outcome, "replay", lambda: replaying.replay(found, again, engine=ENGINE))
 
 
 def beside(subject: Subject, seed: int, count: int, folder: Path) -> Iterator[Outcome]:

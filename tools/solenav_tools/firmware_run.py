@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from solenav import link, parameters, replay
+from solenav import link, parameters, replaying
 from solenav.capture import Capture, CaptureWriter
 from solenav_core import messages
 from solenav_tools.board import Samples, SimulatedBoard
@@ -27,7 +27,7 @@ def board_for(
     where the capture has no samples or parameters.
     """
     source.need_samples()
-    samples = replay.samples_of(source)
+    samples = replaying.samples_of(source)
     params = parameters.named(source.params[0][1])
     settings = {"params": params, "pose_every": pose_every, **(config or {})}
     # Captures without a compass have zeros.
@@ -69,4 +69,4 @@ def run(
             writer.write(last, rest)
         board.wait()
         board.check()
-    replay.finish(output, {**source.sidecar, "board": "simulated"}, source.truth)
+    replaying.finish(output, {**source.sidecar, "board": "simulated"}, source.truth)

@@ -2,7 +2,7 @@
 
 DATA is a folder with the public recordings (see recordings.py). Every filter runs over all of them
 with a growing share of swing samples called stance, of stances missed, and of both
-(`solenav.compare.faults`); writes docs/faults.md and docs/figures/faults.png. Some minutes on two
+(`solenav.comparison.faults`); writes docs/faults.md and docs/figures/faults.png. Some minutes on two
 cores. `--seeds N` spoils each recording in N ways.
 """
 
@@ -18,11 +18,11 @@ from pages import DOCS
 from recordings import walks
 from rich.progress import Progress
 
-from solenav.compare import figures
-from solenav.compare.metrics import LOST_SHARE
-from solenav.compare.runs import CLEAN, Condition, Run, amount, compare
-from solenav.compare.strict import LIMITS, strictly
-from solenav.compare.table import Sheet, to_markdown
+from solenav.comparison import figures
+from solenav.comparison.metrics import LOST_SHARE
+from solenav.comparison.runs import CLEAN, Condition, Run, amount, compare
+from solenav.comparison.strict import LIMITS, strictly
+from solenav.comparison.table import Sheet, to_markdown
 from solenav.filters.walk import Walk
 
 SEEDS = 2

@@ -24,7 +24,7 @@ from solenav import datasets, importing, mpu9150
 from solenav.engines.traced import Trace, trace
 from solenav.errors import SolenavError
 from solenav.parameters import Settings
-from solenav.plot import BLUE, GREEN, GREY, INK, PURPLE, RED, sheet
+from solenav.plotting import BLUE, GREEN, GREY, INK, PURPLE, RED, sheet
 from solenav.recording import FloatArray, Recording
 from solenav.sim.field import Earth
 from solenav.sim.imu import TABLE1, rotate

@@ -15,12 +15,12 @@ from dataclasses import replace
 import numpy as np
 from pages import DOCS
 
-from solenav.compare import figures
-from solenav.compare.metrics import Score, score
-from solenav.compare.runs import DEFAULT, Run, compare, every
-from solenav.compare.strict import LIMITS, strictly
-from solenav.compare.table import Sheet, to_markdown
-from solenav.evaluate import Errors
+from solenav.comparison import figures
+from solenav.comparison.metrics import Score, score
+from solenav.comparison.runs import DEFAULT, Run, compare, every
+from solenav.comparison.strict import LIMITS, strictly
+from solenav.comparison.table import Sheet, to_markdown
+from solenav.evaluation import Errors
 from solenav.filters import Walk, named
 from solenav.filters.walk import of_recording
 from solenav.sim.scenario import simulate

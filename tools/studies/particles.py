@@ -24,16 +24,16 @@ from pages import DOCS, wrapped
 from recordings import FLOOR_SHARE, walks
 
 from solenav import mpu9150, parameters
-from solenav.compare.faults import spoil, stances
-from solenav.compare.metrics import LOST_SHARE, score
-from solenav.compare.runs import beginning, reseeded
-from solenav.compare.strict import STRICT
-from solenav.compare.table import Sheet, to_markdown
+from solenav.comparison.faults import spoil, stances
+from solenav.comparison.metrics import LOST_SHARE, score
+from solenav.comparison.runs import beginning, reseeded
+from solenav.comparison.strict import STRICT
+from solenav.comparison.table import Sheet, to_markdown
 from solenav.errors import SolenavError
 from solenav.filters import adaptive, named
 from solenav.filters.adaptive import Variant
 from solenav.filters.walk import Aids, Track, Walk, walk_of
-from solenav.plot import INK, sheet
+from solenav.plotting import INK, sheet
 from solenav.recording import FloatArray, Truth
 from solenav.sim.gait import SCENARIOS, Gait, Motion, attitude, bump, motion, multiply, progress
 from solenav.sim.imu import TABLE1, ideal_samples, rotate, with_errors

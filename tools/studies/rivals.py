@@ -1,12 +1,12 @@
 """Tunes the rival filters: `python tools/studies/rivals.py DATA [FILTER ...]`.
 
 DATA is a folder with the public recordings (see recordings.py); a rival gets one parameter set for
-all of them, on a strict detector's clean stances (`solenav.compare.strict`), with the still-time
+all of them, on a strict detector's clean stances (`solenav.comparison.strict`), with the still-time
 bias update. It prints a Markdown table per rival; what wins stands as the default in
 `host/solenav/filters/`.
 
 The objective is the geometric mean over the recordings of the horizontal error
-(`solenav.compare.metrics`), each held between 0.1 % of the distance (a closure of 0 is luck) and
+(`solenav.comparison.metrics`), each held between 0.1 % of the distance (a closure of 0 is luck) and
 the whole distance (lost is lost). The search goes along one parameter at a time, up and down by a
 factor, as long as that helps by 0.1 %; the factor is the root of 10, then its root, then the root
 of that. Random filters run with seeds 1 to 3. A gate can only lose on clean stances, so it is the
@@ -28,8 +28,8 @@ from typing import Any
 import numpy as np
 from recordings import FLOOR_SHARE, walks
 
-from solenav.compare.metrics import score
-from solenav.compare.strict import strictly
+from solenav.comparison.metrics import score
+from solenav.comparison.strict import strictly
 from solenav.errors import SolenavError
 from solenav.filters import ekf, particle, reset
 from solenav.filters.walk import Aids, Track, Walk

@@ -24,13 +24,13 @@ from numpy.typing import NDArray
 from recordings import FLOOR_SHARE, recordings
 from scipy.stats import qmc
 
-from solenav import mpu9150, plot
-from solenav.compare.metrics import LOST_SHARE
+from solenav import mpu9150, plotting
+from solenav.comparison.metrics import LOST_SHARE
 from solenav.errors import SolenavError
 from solenav.filters.walk import Walk
 from solenav.parameters import Settings
 from solenav.recording import FloatArray, Recording
-from solenav.tune import error_m, from_recording, run
+from solenav.tuning import error_m, from_recording, run
 
 wrapped = partial(pages.wrapped, width=110)
 RATES_HZ = (50.0, 100.0, 200.0, 400.0)
@@ -496,13 +496,13 @@ def _recordings(table: Bench, alone: dict[str, dict[float | None, Outcome]]) -> 
 
 
 _SKY = "#56B4E9"
-_COLOURS = (plot.INK, _SKY, plot.GREEN, plot.BLUE, plot.PURPLE)
+_COLOURS = (plotting.INK, _SKY, plotting.GREEN, plotting.BLUE, plotting.PURPLE)
 
 
 def draw_alone(alone: dict[str, dict[float | None, Outcome]], out: Path) -> None:
     """Mean error against each parameter, a line a rate; crosses where recordings are lost."""
     plt = _pyplot()
-    with plt.rc_context(plot.STYLE):
+    with plt.rc_context(plotting.STYLE):
         figure, grid_of = plt.subplots(3, 4, figsize=(13.5, 9.0), sharey=True, layout="constrained")
         for axes, (name, found) in zip(grid_of.flat, alone.items(), strict=False):
             values = with_default(name, VALUES[name])
@@ -512,8 +512,8 @@ def draw_alone(alone: dict[str, dict[float | None, Outcome]], out: Path) -> None
                 axes.plot(values, 100 * one.mean, color=colour, linewidth=width, label=label)
                 for value, mean, lost in zip(values, 100 * one.mean, one.lost, strict=True):
                     if lost:
-                        axes.plot(value, mean, "x", color=plot.RED, markersize=3 + 2 * lost)
-            axes.axvline(getattr(Settings(), name), color=plot.GREY, linestyle=":", linewidth=1)
+                        axes.plot(value, mean, "x", color=plotting.RED, markersize=3 + 2 * lost)
+            axes.axvline(getattr(Settings(), name), color=plotting.GREY, linestyle=":", linewidth=1)
             if values[-1] > 4 * values[0]:
                 axes.set_xscale("log")
                 ticks = _apart(values)
@@ -527,8 +527,8 @@ def draw_alone(alone: dict[str, dict[float | None, Outcome]], out: Path) -> None
             axes.axis("off")
         last = grid_of.flat[-1]
         handles, labels = grid_of.flat[0].get_legend_handles_labels()
-        lost = plt.Line2D([], [], color=plot.RED, marker="x", linestyle="none")
-        usual = plt.Line2D([], [], color=plot.GREY, linestyle=":")
+        lost = plt.Line2D([], [], color=plotting.RED, marker="x", linestyle="none")
+        usual = plt.Line2D([], [], color=plotting.GREY, linestyle=":")
         last.legend(
             [*handles, lost, usual],
             [*labels, f"recordings above {LOST_SHARE:.0%}, larger: more", "default"],
@@ -551,7 +551,7 @@ def draw_maps(maps: Sequence[Map], out: Path) -> None:
     """Mean error over the default's, for pairs of parameters."""
     plt = _pyplot()
     reach = 2.0
-    with plt.rc_context({**plot.STYLE, "axes.grid": False}):
+    with plt.rc_context({**plotting.STYLE, "axes.grid": False}):
         figure, grid_of = plt.subplots(2, 4, figsize=(14.0, 6.6), layout="constrained")
         for axes, one in zip(grid_of.flat, maps, strict=True):
             shape = (len(one.ones), len(one.others))
@@ -563,11 +563,13 @@ def draw_maps(maps: Sequence[Map], out: Path) -> None:
             for (i, j), lost in np.ndenumerate(one.found.lost.reshape(shape)):
                 if lost:
                     dark = abs(math.log2(ratio[i, j])) > 0.7
-                    colour = "white" if dark else plot.INK
+                    colour = "white" if dark else plotting.INK
                     axes.text(i, j, str(lost), ha="center", va="center", color=colour, fontsize=8)
             i, j = divmod(here, shape[1])
             axes.add_patch(
-                plt.Rectangle((i - 0.5, j - 0.5), 1, 1, fill=False, edgecolor=plot.INK, linewidth=2)
+                plt.Rectangle(
+                    (i - 0.5, j - 0.5), 1, 1, fill=False, edgecolor=plotting.INK, linewidth=2
+                )
             )
             axes.set_xticks(range(shape[0]), [f"{v:g}" for v in one.ones], rotation=45)
             axes.set_yticks(range(shape[1]), [f"{v:g}" for v in one.others])

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from solenav import plot
+from solenav import plotting
 from solenav.calibration.still import Pose, poses
 from solenav.errors import SolenavError
 from solenav.mpu9150 import STANDARD_GRAVITY
@@ -154,10 +154,12 @@ def draw(report: Report, path: Path) -> None:
 
     SolenavError without matplotlib, or where `path` can't be written.
     """
-    with plot.sheet(path, (11.0, 4.6)) as figure:
+    with plotting.sheet(path, (11.0, 4.6)) as figure:
         panels = figure.subplots(1, 2)
         for panel, axes in zip(panels, (report.axes[:3], report.axes[3:]), strict=True):
-            for axis, colour in zip(axes, (plot.BLUE, plot.RED, plot.GREEN), strict=True):
+            for axis, colour in zip(
+                axes, (plotting.BLUE, plotting.RED, plotting.GREEN), strict=True
+            ):
                 name = axis.name.split()[1]
                 points = {"fmt": ".", "markersize": 3, "linewidth": 0.8, "color": colour}
                 panel.errorbar(axis.tau_s, axis.deviation, axis.error, label=name, **points)

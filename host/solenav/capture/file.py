@@ -113,8 +113,9 @@ def scan(path: Path) -> Records:
 class _Scan:
     """The walk along the headers of a capture's bytes."""
 
-    def __init__(self, data: bytes) -> None:
+    def __init__(self, data: bytes, *, doubting: bool = True) -> None:
         self.data = data
+        self._doubting = doubting  # whether a chain that goes back in time is laid beside another
         self._found = (0, 0)  # from, to: no chain begins in between, one begins at `to`
 
     def records(self) -> Records:
@@ -122,16 +123,15 @@ class _Scan:
         plain = self._by_lengths(len(MAGIC), len(self.data))
         if not plain[1] and _in_order(plain[0]):
             return plain
-        mended = self._by_chains()
+        mended = self._by_chains(len(MAGIC))
         return mended if _frames(mended[0]) > _frames(plain[0]) else plain
 
-    def _by_chains(self) -> Records:
-        """The records, where a length that leads astray is mended by the next chain."""
+    def _by_chains(self, at: int) -> Records:
+        """The records from `at` on, where a length that leads astray is mended by the next chain."""
         data = self.data
         out: list[tuple[float, bytes]] = []
         begins: list[int] = []
         settled = 0
-        at = len(MAGIC)
         while at + _RECORD.size <= len(data):
             arrival, length = _RECORD.unpack_from(data, at)
             start = at + _RECORD.size
@@ -178,10 +178,17 @@ class _Scan:
         end = last + sum(_RECORD.size + len(data) for _arrival, data in near)
 
         def frames(choice: Records, stop: int) -> int:
-            return _frames([*before, *choice[0], *self._by_lengths(stop, end)[0]])
+            return _frames([*before, *choice[0], *self._as_far_as(stop, end)])
 
         (records, left), stop = max(choices, key=lambda choice: frames(*choice))
         return records, left, stop
+
+    def _as_far_as(self, at: int, end: int) -> list[tuple[float, bytes]]:
+        """A plain reading between two places; what is damaged there as well is mended."""
+        records = self._by_lengths(at, end)[0]
+        if _in_order(records):
+            return records
+        return _Scan(self.data[at:end], doubting=False)._by_chains(0)[0]
 
     def _follows(self, arrival: float, at: int) -> bool:
         """Whether a header at `at` goes on from a record that arrived at `arrival`."""
@@ -243,7 +250,7 @@ class _Scan:
         if not searched <= start <= found:
             found = self._search(start, len(self.data))
             self._found = start, found
-        if found == len(self.data) or self._follows(last, found):
+        if not self._doubting or found == len(self.data) or self._follows(last, found):
             return [found]
         reach = min(found + _CHAIN * (_RECORD_MAX + _RECORD.size), len(self.data))
         follower = self._search(found, reach, last)

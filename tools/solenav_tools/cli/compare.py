@@ -16,12 +16,12 @@ from rich.console import Console
 
 from solenav import capture
 from solenav.errors import SolenavError
-from solenav.evaluate import last_run
+from solenav.evaluation import last_run
 from solenav_tools.cli.output import Json, check_output, progress, say, say_json, warn, write_text
 
 if TYPE_CHECKING:
     # They need numba, which the other commands do without.
-    from solenav.compare.runs import Run
+    from solenav.comparison.runs import Run
     from solenav.filters import Filter, Walk
 
 _PIPE_COLUMNS = 160
@@ -79,7 +79,7 @@ def compare(
     if list_filters:
         _list(as_json)
         return
-    from solenav.compare import runs as comparing
+    from solenav.comparison import runs as comparing
     from solenav.filters import named
 
     names = list(dict.fromkeys(filters or comparing.DEFAULT))
@@ -90,7 +90,7 @@ def compare(
     _check_outputs(csv, markdown, figures)
     walks, skipped = _load(inputs or [])
     if strict:
-        from solenav.compare.strict import strictly
+        from solenav.comparison.strict import strictly
 
         walks = list(map(strictly, walks))
     condition = comparing.Condition(false_share, missed_share)
@@ -134,7 +134,7 @@ def _load(inputs: list[Path]) -> tuple[list[Walk], list[str]]:
 
     SolenavError where no walk is left.
     """
-    from solenav.compare import metrics
+    from solenav.comparison import metrics
     from solenav.filters import walk as walking
 
     files = _files(inputs)
@@ -181,7 +181,7 @@ def _names(files: list[Path]) -> list[str]:
 
 
 def _write(runs: list[Run], csv: Path | None, markdown: Path | None) -> None:
-    from solenav.compare import table
+    from solenav.comparison import table
 
     for path, text in ((csv, table.to_csv), (markdown, _markdown)):
         if path is not None:
@@ -189,7 +189,7 @@ def _write(runs: list[Run], csv: Path | None, markdown: Path | None) -> None:
 
 
 def _markdown(runs: list[Run]) -> str:
-    from solenav.compare import table
+    from solenav.comparison import table
 
     return table.markdown(table.sheets(runs))
 
@@ -198,8 +198,8 @@ def _draw(
     runs: list[Run], walks: list[Walk], names: list[str], condition: Any, folder: Path
 ) -> None:
     """Lines of each recording's first seed, and boxes over all runs."""
-    from solenav.compare import figures
-    from solenav.compare.faults import spoil
+    from solenav.comparison import figures
+    from solenav.comparison.faults import spoil
 
     with progress("drawing", len(walks)) as done:
         for i, walk in enumerate(walks):
@@ -211,7 +211,7 @@ def _draw(
 
 
 def _tell(runs: list[Run], skipped: list[str], as_json: bool) -> None:
-    from solenav.compare import table
+    from solenav.comparison import table
 
     if as_json:
         say_json({"runs": table.records(runs), "summary": table.summary(runs), "left_out": skipped})

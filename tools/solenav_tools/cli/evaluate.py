@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from solenav import capture
-from solenav import evaluate as evaluation
+from solenav import capture, evaluation
 from solenav_tools.cli.output import CaptureFile, Json, say, say_json, warn
 
 Align = Enum("Align", {name: name for name in evaluation.ALIGNMENTS}, type=str)  # type: ignore[misc]

@@ -16,7 +16,7 @@ def plot(
     output: Annotated[Path, typer.Option("-o", "--output", help="PNG to write.")],
 ) -> None:
     """Draw trajectory (with truth where known), velocity, detector, threshold and N_eff."""
-    from solenav import plot as plotting
+    from solenav import plotting
 
     check_output(output, ".png")
     plotting.plot(capture.load(file), output)

@@ -9,8 +9,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from solenav import capture, engines
-from solenav import replay as replaying
+from solenav import capture, engines, replaying
 from solenav_tools.cli.output import CaptureFile, Json, check_output, progress, say, say_json, warn
 from solenav_tools.outcome import need_alignment
 

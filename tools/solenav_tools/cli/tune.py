@@ -16,7 +16,7 @@ from solenav_tools.cli.output import Json, check_output, progress, say, say_json
 
 if TYPE_CHECKING:
     # It needs numba, which the other commands do without.
-    from solenav.tune import Dimension, Judged, Report
+    from solenav.tuning import Dimension, Judged, Report
 
 _VERDICTS = {
     "better": "better on walks like these",
@@ -51,7 +51,7 @@ def tune(
     """Find detector parameters by truth or closure, and say how far they may be trusted."""
     if not find_spec("numba"):
         raise SolenavError("tuning needs numba", "pip install 'solenav[fast]'")
-    from solenav import tune as tuning
+    from solenav import tuning
 
     if output is not None:
         check_output(output, ".json")

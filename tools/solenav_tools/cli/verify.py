@@ -6,8 +6,7 @@ from typing import Annotated
 
 import typer
 
-from solenav import capture, engines
-from solenav import verify as verification
+from solenav import capture, engines, verification
 from solenav_tools.cli.output import CaptureFile, Json, progress, say, say_json, warn
 from solenav_tools.cli.replay import EngineName
 

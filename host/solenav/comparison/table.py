@@ -12,9 +12,9 @@ from typing import Any
 
 from rich.table import Table
 
-from solenav.compare.metrics import LOST_SHARE
-from solenav.compare.runs import REFERENCE, Run
-from solenav.evaluate import Errors
+from solenav.comparison.metrics import LOST_SHARE
+from solenav.comparison.runs import REFERENCE, Run
+from solenav.evaluation import Errors
 
 Record = dict[str, Any]
 

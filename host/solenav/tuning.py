@@ -26,10 +26,10 @@ import numpy as np
 
 from solenav import mpu9150, parameters
 from solenav.capture.contents import Capture
-from solenav.compare import metrics
+from solenav.comparison import metrics
 from solenav.engines.traced import Trace, trace
 from solenav.errors import SolenavError
-from solenav.evaluate import last_run
+from solenav.evaluation import last_run
 from solenav.filters.walk import Track, Walk, of_recording, walk_of
 from solenav.parameters import Settings
 from solenav.recording import FloatArray, Recording, Truth

@@ -1,6 +1,6 @@
 """Pictures of a comparison, as in the paper: tracks, errors over time, and boxes over many runs.
 
-The style is that of `solenav.plot`. Up to `LINES` filters share a picture of lines.
+The style is that of `solenav.plotting`. Up to `LINES` filters share a picture of lines.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solenav.compare.faults import stances
-from solenav.compare.metrics import LOST_SHARE, score
-from solenav.compare.runs import Run
-from solenav.evaluate import Comparison, lay
+from solenav.comparison.faults import stances
+from solenav.comparison.metrics import LOST_SHARE, score
+from solenav.comparison.runs import Run
+from solenav.evaluation import Comparison, lay
 from solenav.filters import named
 from solenav.filters.walk import Track, Walk
-from solenav.plot import (
+from solenav.plotting import (
     BLUE,
     DASHED,
     GREEN,
@@ -83,7 +83,7 @@ def draw(walk: Walk, filters: Sequence[str], folder: Path, stem: str | None = No
 
 @contextmanager
 def _sheet(out: Path, size_in: tuple[float, float]) -> Iterator[Any]:
-    """A figure of `solenav.plot`, written with few colours: lines need no more, and take less."""
+    """A figure of `solenav.plotting`, written with few colours: lines need no more, and take less."""
     with sheet(out, size_in, DPI) as figure:
         yield figure
     # matplotlib can't be without it.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solenav.evaluate import Comparison, Errors, ape, errors, lay, rmse, rpe
+from solenav.evaluation import Comparison, Errors, ape, errors, lay, rmse, rpe
 from solenav.filters.walk import BoolArray, Track, Walk
 from solenav.recording import FloatArray
 
@@ -25,7 +25,7 @@ LOST_SHARE = 0.05
 class Score:
     """A track's errors in m and m/s, along the estimate's axes; None where nothing is known.
 
-    `error_m` is the one horizontal figure, of `kind` "truth" (RMSE after `solenav.evaluate`'s
+    `error_m` is the one horizontal figure, of `kind` "truth" (RMSE after `solenav.evaluation`'s
     alignment) or "closure" (of a closed loop), infinite for a track that isn't finite;
     `error_share` is its share of `distance_m`, the walk's, the same for every filter. Errors in
     stance are over the samples that the clean detector calls stance; velocity is compared with the

@@ -22,8 +22,8 @@ from itertools import combinations
 from multiprocessing import get_context
 from typing import Any
 
-from solenav.compare.faults import spoil
-from solenav.compare.metrics import Score, score
+from solenav.comparison.faults import spoil
+from solenav.comparison.metrics import Score, score
 from solenav.errors import SolenavError
 from solenav.filters import FILTERS, named
 from solenav.filters.walk import Walk

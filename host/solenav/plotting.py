@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from solenav import mpu9150, parameters
 from solenav.capture.contents import Capture
 from solenav.errors import SolenavError
-from solenav.evaluate import Comparison, Evaluation, compare, last_run, measure, rmse
+from solenav.evaluation import Comparison, Evaluation, compare, last_run, measure, rmse
 from solenav.recording import FloatArray, Truth
 from solenav_core import messages
 
@@ -86,7 +86,7 @@ class _Walk:
 def plot(capture: Capture, out: Path, *, title: str | None = None) -> None:
     """Draw a capture with poses into a PNG of `SIZE_IN` inches at `DPI`.
 
-    Truth, where there is some, is laid onto the estimate as `solenav.evaluate` does.
+    Truth, where there is some, is laid onto the estimate as `solenav.evaluation` does.
     Raises SolenavError without poses or matplotlib, and where `out` can't be written.
     """
     walk = _gather(capture)
