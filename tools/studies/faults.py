@@ -2,8 +2,8 @@
 
 DATA is a folder with the public recordings (see recordings.py). Every filter runs over all of them
 with a growing share of swing samples called stance, of stances missed, and of both
-(`solenav.comparison.faults`); writes docs/faults.md and docs/figures/faults.png. Some minutes on two
-cores. `--seeds N` spoils each recording in N ways.
+(`solenav.comparison.faults`); writes docs/faults.md and docs/figures/faults.png. Some minutes on
+two cores. `--seeds N` spoils each recording in N ways.
 """
 
 from __future__ import annotations

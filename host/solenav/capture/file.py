@@ -127,7 +127,7 @@ class _Scan:
         return mended if _frames(mended[0]) > _frames(plain[0]) else plain
 
     def _by_chains(self, at: int) -> Records:
-        """The records from `at` on, where a length that leads astray is mended by the next chain."""
+        """The records from `at` on; a length that leads astray is mended by the next chain."""
         data = self.data
         out: list[tuple[float, bytes]] = []
         begins: list[int] = []

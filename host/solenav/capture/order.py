@@ -5,7 +5,8 @@ frames. Ticks, time stamps and positions go on steadily; a single frame that doe
 that agree with each other, is no message of the board. A restart, where all that follows is
 different, is left alone, and so is the last frame of all: nothing speaks against it.
 
-`solenav.verification` compares whatever has a tick; only what is drawn or measured leaves out positions.
+`solenav.verification` compares whatever has a tick; only what is drawn or measured leaves out
+positions.
 """
 
 from __future__ import annotations

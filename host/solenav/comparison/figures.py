@@ -83,7 +83,7 @@ def draw(walk: Walk, filters: Sequence[str], folder: Path, stem: str | None = No
 
 @contextmanager
 def _sheet(out: Path, size_in: tuple[float, float]) -> Iterator[Any]:
-    """A figure of `solenav.plotting`, written with few colours: lines need no more, and take less."""
+    """A figure of `solenav.plotting` in few colours: lines need no more, and take less."""
     with sheet(out, size_in, DPI) as figure:
         yield figure
     # matplotlib can't be without it.
