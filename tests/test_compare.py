@@ -19,7 +19,7 @@ from cli import refused, solenav
 from hypothesis import given
 from hypothesis import strategies as st
 
-from solenav import importing
+from solenav import importing, spreading
 from solenav.comparison import faults, metrics, runs, table
 from solenav.comparison.faults import spoil, stances
 from solenav.comparison.metrics import score
@@ -361,7 +361,7 @@ def test_much_work_goes_to_a_cluster_of_its_own(
     asked = ([line], ["apf"], (CLEAN,), (1, 2))
     here = runs.compare(*asked, jobs=1)
     monkeypatch.setattr(runs, "MANY", 2)
-    monkeypatch.setattr(runs, "_in_processes", None)
+    monkeypatch.setattr(spreading, "in_processes", None)
     assert same(runs.compare(*asked, jobs=2)) == same(here)
 
 
@@ -373,7 +373,7 @@ def test_what_is_no_cluster_is_refused(captures: Path) -> None:
 
 def test_a_cluster_without_workers_is_refused(line: Walk, monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr(runs, "_CONNECT_S", 1)
+    monkeypatch.setattr(spreading, "_CONNECT_S", 1)
     options: dict[str, Any] = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
     with (
         distributed.LocalCluster(

@@ -242,3 +242,58 @@ def test_long_work_shows_a_progress_bar_on_a_terminal(ten: Path, tmp_path: Path)
     status, shown = on_a_terminal("replay", str(ten), "--engine", "pure", "-o", out)
     assert status == 0
     assert "replaying on pure" in shown and "━" in shown
+
+
+def test_record_rotates_and_each_file_is_proven_by_itself(ten: Path, tmp_path: Path) -> None:
+    with served(ten) as port:
+        done = solenav("record", port, "-o", tmp_path / "run.solcap", "--rotate", "90kB", "--json")
+    files = [Path(name) for name in json.loads(done.stdout)["captures"]]
+    assert len(files) >= 3
+    assert [path.name for path in files[:2]] == ["run-001.solcap", "run-002.solcap"]
+    ticks: list[int] = []
+    for path in files:
+        part = capture.load(path)
+        ticks += part.samples.tick.tolist()
+        report = verify(part, "fast")
+        assert report.verified, report
+        # Whoever joins a running board waits for its first snapshot; at a seam nothing waits.
+        assert report.unchecked_samples == 0 or path == files[0]
+        assert not part.damaged
+    assert ticks == list(range(ticks[0], ticks[0] + len(ticks))), "lost or twice at a seam"
+
+
+@pytest.mark.parametrize("wish", ["10", "10 parsecs", "0.1s", "-5m"])
+def test_a_rotation_that_makes_no_sense_is_refused(wish: str, tmp_path: Path) -> None:
+    done = solenav("record", "/dev/null", "-o", tmp_path / "x.solcap", f"--rotate={wish}")
+    refused(done, 2)
+
+
+def test_record_waits_for_a_port_that_comes_back(replayed: Path, tmp_path: Path) -> None:
+    data = b"".join(part for _t, part in capture.read_records(replayed))[:40_000]
+    link_to = tmp_path / "port"
+    with sender(data, then_vanish=True) as first:
+        link_to.symlink_to(first)
+        process = subprocess.Popen(
+            [SOLENAV, "record", link_to, "-o", tmp_path / "run.solcap", "--reconnect", "--json"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        assert process.stderr is not None and process.stdout is not None
+        assert "vanished" in process.stderr.readline()
+        link_to.unlink()
+        with sender(data, then_vanish=False) as second:
+            link_to.symlink_to(second)
+            assert "is back" in process.stderr.readline()
+            again = tmp_path / "run-002.solcap"
+            deadline = time.monotonic() + 60
+            while not (again.exists() and again.stat().st_size >= len(data)):
+                assert time.monotonic() < deadline
+                time.sleep(0.1)
+            process.send_signal(signal.SIGINT)
+            out, _err = process.communicate(timeout=60)
+    assert process.returncode == 0
+    files = [Path(name) for name in json.loads(out)["captures"]]
+    assert [path.name for path in files] == ["run-001.solcap", "run-002.solcap"]
+    for path in files:
+        assert b"".join(part for _t, part in capture.read_records(path)) == data

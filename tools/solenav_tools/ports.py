@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import serial
@@ -11,6 +13,7 @@ from serial.tools import list_ports
 from solenav.errors import SolenavError
 
 BAUD = 460800
+_WAIT_S = 0.2
 
 
 class PortVanished(Exception):
@@ -31,6 +34,16 @@ def open_port(name: str, baud: int = BAUD) -> serial.Serial:
         raise _explained(name, error) from None
     except ValueError as error:
         raise SolenavError(f"{name}: {error}", f"use {BAUD} baud") from None
+
+
+def reopen(name: str, baud: int, over: Callable[[], bool]) -> serial.Serial | None:
+    """Wait for a port that vanished, and open it; None where `over` said that it is enough."""
+    while not over():
+        try:
+            return open_port(name, baud)
+        except SolenavError:
+            time.sleep(_WAIT_S)
+    return None
 
 
 def _explained(name: str, error: serial.SerialException) -> SolenavError:

@@ -5,13 +5,20 @@ from __future__ import annotations
 import random
 import time
 from collections.abc import Callable, Iterator
+from typing import Protocol
 
 import serial
 
-from solenav.capture import CaptureWriter
 from solenav.link import Damage, Frame, FrameReader, command
 from solenav_core import messages
 from solenav_tools.ports import read_some, send
+
+
+class Writer(Protocol):
+    """Takes bytes with the time (s) at which they came: a `CaptureWriter`, or several in turn."""
+
+    def write(self, arrival: float, data: bytes) -> None: ...
+
 
 LISTEN_S = 2.0  # the board records by itself when it has heard nothing for 5 s
 
@@ -51,8 +58,9 @@ def join_in(port: serial.Serial) -> None:
 
 def stream(
     port: serial.Serial,
-    writer: CaptureWriter | None,
+    writer: Writer | None,
     until: Callable[[], bool] = lambda: False,
+    asker: Asker | None = None,
 ) -> Iterator[Frame | Damage | None]:
     """What the board sends, frame by frame; None after a quiet 50 ms. Tells it that we listen.
 
@@ -60,7 +68,7 @@ def stream(
     PortVanished where the other end goes away.
     """
     reader = FrameReader()
-    asker = Asker(port)
+    asker = asker or Asker(port)
     while not until():
         asker.listen()
         data = read_some(port)

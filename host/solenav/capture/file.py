@@ -72,6 +72,10 @@ class CaptureWriter:
             ) from None
         self.written += len(data)
 
+    def close(self) -> None:
+        """No more comes."""
+        self._file.close()
+
     def __enter__(self) -> CaptureWriter:
         return self
 
@@ -81,7 +85,7 @@ class CaptureWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._file.close()
+        self.close()
 
 
 Records = tuple[list[tuple[float, bytes]], int]

@@ -6,25 +6,18 @@ spoilt decisions. Results come in the order of the arguments, wherever they were
 
 from __future__ import annotations
 
-import logging
 import os
 import statistics
 import time
 from array import array
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from importlib import import_module
 from importlib.util import find_spec
 from itertools import combinations
-from multiprocessing import get_context
-from typing import Any
 
+from solenav import spreading
 from solenav.comparison.faults import spoil
 from solenav.comparison.metrics import Score, score
-from solenav.errors import SolenavError
 from solenav.filters import FILTERS, named
 from solenav.filters.walk import Walk
 from solenav_core import params
@@ -51,7 +44,6 @@ _ROWS_A_PROCESS = 1_000_000
 _TIMED_ROWS = 3000
 _REPEATS = 3
 _SEED = params.NAMES.index("SEED")
-_CONNECT_S = 10
 
 
 @dataclass(frozen=True)
@@ -218,8 +210,8 @@ def _worthwhile(work: list[tuple[Walk, Task]]) -> int:
 
 def _spread(work: list[tuple[Walk, Task]], jobs: int, dask: str | None, progress: Done) -> Results:
     if dask is not None:
-        with _client(dask) as client:
-            return _on_cluster(client, work, progress)
+        with spreading.client(dask) as client:
+            return spreading.on_cluster(client, run, work, progress)
     if jobs == 1 or len(work) == 1:
         results = {}
         for i, (walk, task) in enumerate(work):
@@ -231,99 +223,6 @@ def _spread(work: list[tuple[Walk, Task]], jobs: int, dask: str | None, progress
     for name in task.filters:
         named(name)(beginning(walk, walk.start.row + 2))
     if len(work) >= MANY and find_spec("distributed"):
-        with _local_client(jobs) as client:
-            return _on_cluster(client, work, progress)
-    return _in_processes(work, jobs, progress)
-
-
-def _in_processes(work: list[tuple[Walk, Task]], jobs: int, progress: Done) -> Results:
-    results = {}
-    # Spawned: a fork of a process with threads may hang.
-    with ProcessPoolExecutor(min(jobs, len(work)), mp_context=get_context("spawn")) as pool:
-        futures = {pool.submit(run, walk, task): i for i, (walk, task) in enumerate(work)}
-        try:
-            for done, future in enumerate(as_completed(futures), 1):
-                results[futures[future]] = future.result()
-                progress(done)
-        except BrokenProcessPool:
-            raise SolenavError(
-                "a process of the comparison died", "give it less to do at once: --jobs 1"
-            ) from None
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-    return results
-
-
-def _on_cluster(client: Any, work: list[tuple[Walk, Task]], progress: Done) -> Results:
-    """The work on the workers of a Dask client; each walk travels once."""
-    distributed = _distributed()
-    results = {}
-    sent: dict[int, Any] = {}
-    futures = {}
-    for i, (walk, task) in enumerate(work):
-        if id(walk) not in sent:
-            sent[id(walk)] = client.scatter(walk, hash=False)
-        futures[client.submit(run, sent[id(walk)], task, pure=False)] = i
-    try:
-        with client.as_current():
-            for done, future in enumerate(distributed.as_completed(futures), 1):
-                results[futures[future]] = future.result()
-                progress(done)
-    except SolenavError:
-        raise
-    except Exception as error:
-        raise SolenavError(
-            f"the cluster failed: {type(error).__name__}: {error}",
-            "install this solenav[fast,evaluate,cluster] on its workers, and look at their logs",
-        ) from None
-    finally:
-        client.cancel(list(futures))
-    return results
-
-
-@contextmanager
-def _client(address: str) -> Iterator[Any]:
-    """A client of the cluster at an address that has a worker."""
-    distributed = _distributed()
-    remedy = "start one with `dask scheduler` and `dask worker`, and give tcp://HOST:PORT"
-    try:
-        # A client of what is no address leaves a thread behind, so that is looked at before.
-        import_module("distributed.comm").resolve_address(address)
-        client = distributed.Client(address, timeout=_CONNECT_S, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise SolenavError(f"no Dask scheduler at {address}: {error}", remedy) from None
-    with client:
-        try:
-            client.wait_for_workers(1, timeout=_CONNECT_S)
-        except TimeoutError:
-            raise SolenavError(f"the Dask cluster at {address} has no workers", remedy) from None
-        yield client
-
-
-@contextmanager
-def _local_client(jobs: int) -> Iterator[Any]:
-    """A client of a cluster on this machine alone, for this comparison."""
-    distributed = _distributed()
-    # It reports its own shutdown as a loss of workers.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    with (
-        distributed.LocalCluster(
-            n_workers=jobs,
-            threads_per_worker=1,
-            host="127.0.0.1",
-            dashboard_address="127.0.0.1:0",
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
-        distributed.Client(cluster, set_as_default=False) as client,
-    ):
-        yield client
-
-
-def _distributed() -> Any:
-    try:
-        return import_module("distributed")
-    except ImportError:
-        raise SolenavError(
-            "a Dask cluster needs distributed", "pip install 'solenav[cluster]'"
-        ) from None
+        with spreading.local_client(jobs) as client:
+            return spreading.on_cluster(client, run, work, progress)
+    return spreading.in_processes(run, work, jobs, progress)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
-from solenav.datasets import gaitmap, llio, mpu6050, openshoe, pyshoe, xio
+from solenav.datasets import gaitmap, llio, mpu6050, openshoe, pyshoe, table, xio
 from solenav.errors import SolenavError
 from solenav.recording import Recording
 
@@ -26,6 +26,7 @@ FORMATS: dict[str, Reader] = {
     "xio": xio.read,
     "gaitmap": gaitmap.read,
     "mpu6050": mpu6050.read,
+    "csv": table.read,
 }
 
 

@@ -20,10 +20,13 @@ from solenav.errors import SolenavError
 from solenav_core import messages
 from solenav_tools import settings
 from solenav_tools.cli import (
+    batch,
     calibrate,
+    cat,
     compare,
     download,
     evaluate,
+    export,
     import_recording,
     info,
     matrix,
@@ -91,6 +94,9 @@ app.command("run-firmware")(run_firmware.run_firmware)
 app.command("record")(record.record)
 app.command("monitor")(monitor.monitor)
 app.command("download")(download.download)
+app.command("batch")(batch.batch)
+app.command("cat")(cat.cat)
+app.command("export")(export.export)
 app.command("info")(info.info)
 app.command("verify")(verify.verify)
 app.command("matrix")(matrix.matrix)

@@ -10,12 +10,14 @@ import typer
 
 from solenav import datasets, importing
 from solenav.errors import SolenavError
+from solenav.exporting import csv_tables
 from solenav.parameters import Settings
 from solenav_tools import settings
 from solenav_tools.cli.calibrate import CalibrationFile, calibration_from
 from solenav_tools.cli.output import Json, check_output, say, say_json, warn
 
-Format = Enum("Format", {name: name for name in datasets.FORMATS}, type=str)  # type: ignore[misc]
+_EXPORTED = "solenav-csv"
+Format = Enum("Format", {name: name for name in (*datasets.FORMATS, _EXPORTED)}, type=str)  # type: ignore[misc]
 
 
 class Foot(str, Enum):
@@ -39,6 +41,9 @@ def import_recording(
 ) -> None:
     """Turn a public foot-mounted recording into MPU-9150 counts (±16 g, ±2000 °/s)."""
     chosen = settings.load().apply(Settings(calibration=calibration_from(calibration)))
+    if format.value == _EXPORTED:
+        _from_tables(file, output, as_json)
+        return
     recording = datasets.read(file, format.value, foot=foot.value)
     if duration is not None:
         recording = recording.first(duration)
@@ -62,3 +67,13 @@ def import_recording(
     say(f"{target}: {notes['samples']} samples at {recording.rate_hz:.2f} Hz, {truth}")
     for key, value in recording.notes.items():
         say(f"  {key}: {value}")
+
+
+def _from_tables(folder: Path, output: Path | None, as_json: bool) -> None:
+    """What `solenav export --to csv` wrote, as the capture that it was."""
+    target = check_output(output or Path(f"{folder.stem}.solcap"), ".solcap")
+    frames = csv_tables.read(folder, target)
+    if as_json:
+        say_json({"capture": str(target), "frames": frames})
+    else:
+        say(f"{target}: {frames} frames")
