@@ -315,3 +315,17 @@ def test_batch_verifies_all_and_a_bad_capture_is_a_row(run: Path, tmp_path: Path
     refused(solenav("batch", tmp_path / "none"), 2, "no folder")
     (tmp_path / "empty").mkdir()
     refused(solenav("batch", tmp_path / "empty"), 2, "no capture")
+
+
+def test_info_tells_of_several_captures(run: Path) -> None:
+    walk = run.with_name("w.solcap")
+    found = json.loads(solenav("info", run, walk, "--json").stdout)
+    assert [Path(facts["capture"]).name for facts in found] == ["run.solcap", "w.solcap"]
+    source = captures.load(run)
+    poses = found[0]["poses"]
+    assert poses["count"] == poses["flagged"]["navigating"] == len(source.poses)
+    assert poses["flagged"]["stance"] == int(
+        (source.poses.rows["flags"] & messages.IN_STANCE).sum()
+    )
+    assert poses["flagged"]["gap"] == 0 and found[0]["starts"] == 1
+    assert found[0]["samples"]["temperature_c"] == [25.0, 25.0]

@@ -8,6 +8,7 @@ sheet (MS1187, table 8.3).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +65,11 @@ def from_counts(counts: NDArray[np.int16]) -> tuple[FloatArray, FloatArray]:
     """Specific force (n, 3) in m/s² and rate (n, 3) in rad/s of `counts` (n, 6 or more)."""
     values = counts.astype(np.float64)
     return values[:, :3] * ACCEL_MPS2_PER_LSB, values[:, 3:6] * GYRO_RADPS_PER_LSB
+
+
+def celsius(counts: Any) -> Any:
+    """Die temperature in °C from counts as SAMPLE and STATUS carry them."""
+    return counts / TEMPERATURE_LSB_PER_DEGC + TEMPERATURE_OFFSET_DEGC
 
 
 def mag_to_counts(field: FloatArray) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:

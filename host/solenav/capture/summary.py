@@ -8,7 +8,11 @@ from typing import Any
 import numpy as np
 
 from solenav.capture.contents import Capture, Table, unwrap
+from solenav.link.units import POSE_FLAGS
+from solenav.mpu9150 import celsius
 from solenav_core import messages, selftest
+
+_TESTED = {1: "accelerometer", 2: "gyro", 4: "magnetometer"}
 
 
 def summary(capture: Capture) -> dict[str, Any]:
@@ -29,18 +33,26 @@ def summary(capture: Capture) -> dict[str, Any]:
             "schema_is_ours": hello["schema"] == messages.SCHEMA,
             "sensor": messages.SENSORS[min(hello["sensor"], len(messages.SENSORS) - 1)],
             "rate_hz": hello["rate"] / 1000,
+            "pose_every": hello["pose_every"],
             "self_test": _self_test(hello["self_test"]),
+            "sensor_test": _sensor_test(hello["sensor_test"]),
+            "boot_reason": hello["boot_reason"],
         }
     if capture.params:
         out["params"] = f"{crc32(capture.params[-1][1]):08x}"
+    out["starts"] = 1 + max(_restarts(capture.samples), _restarts(capture.poses))
     if len(capture.samples):
         out["samples"] = _samples(capture)
     if len(capture.aligns):
         out["alignment"] = _alignment(capture.aligns)
+    if len(capture.poses):
+        out["poses"] = _poses(capture.poses)
     if len(capture.statuses):
         last = capture.statuses.rows[-1]
         out["status"] = {
-            name: int(last[name]) for name in last.dtype.names if name not in ("mode", "period")
+            name: int(last[name])
+            for name in last.dtype.names
+            if name not in ("mode", "period", "temperature")
         }
         out["status"]["learned_period_us"] = round(int(last["period"]) / 256, 3)
     out["log"] = [f"tick {tick}, {level}: {text}" for tick, level, text in capture.logs]
@@ -55,6 +67,30 @@ def _self_test(failed: int) -> str:
     return f"FAILED: {names[failed - 1] if failed <= len(names) else failed}"
 
 
+def _sensor_test(bits: int) -> str:
+    """What the sensor's own tests said, from HELLO."""
+    failed = [name for bit, name in _TESTED.items() if bits & bit]
+    if failed:
+        return f"FAILED: {', '.join(failed)}"
+    return "not run: it was moved" if bits & messages.NOT_TESTED else "passed"
+
+
+def _restarts(table: Table) -> int:
+    return int(np.count_nonzero(np.diff(table.tick) < 0))
+
+
+def _poses(poses: Table) -> dict[str, Any]:
+    """How many, and how many of them with which flag; how far the last one came."""
+    flags = poses.rows["flags"]
+    words = {name: int(np.count_nonzero(flags & flag)) for flag, name in POSE_FLAGS.items()}
+    return {
+        "count": len(poses),
+        "flagged": words,
+        "steps": int(poses.rows["steps"][-1]),
+        "distance_m": round(float(poses.rows["distance"][-1]) / 2**10, 2),
+    }
+
+
 def _samples(capture: Capture) -> dict[str, Any]:
     ticks = capture.samples.tick
     lost = np.diff(ticks) - 1
@@ -63,6 +99,8 @@ def _samples(capture: Capture) -> dict[str, Any]:
     stamps = unwrap(capture.samples.rows["time"])
     steps = np.diff(stamps)[np.diff(ticks) == 1]
     period = float(np.mean(steps)) if len(steps) else 0.0
+    temperatures = capture.samples.rows["temperature"]
+    coldest, hottest = temperatures.min(), temperatures.max()
     return {
         "count": len(ticks),
         "duration_s": round(float(stamps[-1] - stamps[0]), 3),
@@ -72,6 +110,7 @@ def _samples(capture: Capture) -> dict[str, Any]:
         "longest_gap": int(lost.max()) if len(lost) else 0,
         "clipped_accel": int(np.count_nonzero(flags & messages.CLIPPED_ACC)),
         "clipped_gyro": int(np.count_nonzero(flags & messages.CLIPPED_GYRO)),
+        "temperature_c": [round(float(celsius(edge)), 1) for edge in (coldest, hottest)],
         "overrun": int(np.count_nonzero(flags & messages.GAP_BEFORE)),
     }
 

@@ -166,10 +166,9 @@ def _of_samples(source: Source) -> Iterator[Item]:
     rows = run.samples.rows
     accel, gyro = mpu9150.from_counts(np.hstack([rows["acc"], rows["gyro"]]).reshape(-1, 6))
     degrees = np.rad2deg(gyro)
-    celsius = rows["temperature"] / mpu9150.TEMPERATURE_LSB_PER_DEGC
-    celsius = celsius + mpu9150.TEMPERATURE_OFFSET_DEGC
+    degrees_c = mpu9150.celsius(rows["temperature"])
     for i, seconds in enumerate(run.time_of_tick(run.samples.tick).tolist()):
-        values = [*accel[i].tolist(), *degrees[i].tolist(), float(celsius[i])]
+        values = [*accel[i].tolist(), *degrees[i].tolist(), float(degrees_c[i])]
         names = ("acc_x", "acc_y", "acc_z", "rate_x", "rate_y", "rate_z", "temperature")
         yield "/imu", seconds, dict(zip(names, values, strict=True))
 

@@ -52,7 +52,7 @@ def say(text: str) -> None:
         typer.echo(text)
 
 
-def say_json(result: dict[str, Any]) -> None:
+def say_json(result: dict[str, Any] | list[dict[str, Any]]) -> None:
     typer.echo(json.dumps(result, indent=2, ensure_ascii=False))
 
 
