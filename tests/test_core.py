@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from solenav import engines, mpu9150, parameters
 from solenav.sim.scenario import simulate
 from solenav_core import calibration, detector, layout, navigator, particles, strapdown
-from solenav_tools.live import heading_deg
+from solenav_tools.monitor.live import heading_deg
 
 AT = layout.offsets(layout.STATE_FIELDS)
 FloatArray = NDArray[np.float64]

@@ -26,7 +26,8 @@ from solenav.errors import SolenavError
 from solenav.evaluation import evaluate
 from solenav.verification import verify
 from solenav_core import layout, messages, navigator
-from solenav_tools.live import Live
+from solenav_tools.monitor.live import Live
+from solenav_tools.monitor.terminal import panel
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tools" / "faults"))
 import host
@@ -417,7 +418,7 @@ def test_a_truth_cut_off_gives_its_whole_rows(tmp_path: Path, cut: int) -> None:
 def test_whatever_a_board_logs_can_be_shown(text: str) -> None:
     view = Live()
     view.take(link.Frame(messages.LOG, 0, 1, b"\2" + text.encode()), 0.0)
-    view.render("port", 0.0)
+    panel(view, "port", 0.0)
     assert text in view.line()
 
 

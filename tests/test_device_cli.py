@@ -181,11 +181,6 @@ def test_monitor_on_a_terminal_shows_a_view(ten: Path, tmp_path: Path) -> None:
     assert len(capture.load(out).samples) > 400
 
 
-def test_monitor_says_when_the_port_vanishes(ten: Path) -> None:
-    with served(ten) as port:
-        refused(solenav("monitor", port), 1, "vanished at tick 2000")
-
-
 @pytest.mark.parametrize("command", ["record", "monitor"])
 def test_a_port_that_does_not_exist_is_refused(command: str, tmp_path: Path) -> None:
     done = solenav(command, "/dev/ttyNOSUCH7", cwd=tmp_path)

@@ -14,7 +14,7 @@ from solenav.recording import Recording
 from solenav.sim.field import Earth
 from solenav.sim.scenario import simulate
 from solenav_core import layout
-from solenav_tools.live import heading_deg
+from solenav_tools.monitor.live import heading_deg
 
 AT = layout.offsets(layout.STATE_FIELDS)
 DRIFT_DPS = 0.3

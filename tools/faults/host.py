@@ -41,7 +41,8 @@ from solenav.recording import Recording
 from solenav.sim.scenario import simulate
 from solenav.verification import verify
 from solenav_core import messages
-from solenav_tools.live import Live
+from solenav_tools.monitor.live import Live
+from solenav_tools.monitor.terminal import panel
 
 ENGINE = "fast"
 GUARD_S = 20.0
@@ -558,7 +559,7 @@ def _deliveries(
             if isinstance(item, link.Frame):
                 delivered[key(item)] += 1
     view.line()
-    view.render("port", now)
+    panel(view, "port", now)
     wanted = Counter(key(frame) for frame in untouched)
     outcome.missing += sum((wanted - delivered).values())
 

@@ -1,0 +1,4 @@
+"""Watching boards live.
+
+`watch` reads them, `live` knows them; `terminal`, `window` and `web` show them.
+"""
