@@ -126,3 +126,24 @@ def test_a_command_tells_a_mistake_in_the_settings(tmp_path: Path) -> None:
     done = solenav(*WALK, "walk.solcap", cwd=tmp_path)
     refused(done, 2, "there is no parameters.accel_mx", "accel_max?")
     refused(solenav("--settings", "none.toml", *WALK, "w.solcap", cwd=tmp_path), 2, "none.toml")
+
+
+def test_a_port_s_name_stands_for_it_in_every_command(tmp_path: Path) -> None:
+    (tmp_path / settings.NAME).write_text('[ports.foot]\ndevice = "/dev/ttyNOSUCH9"\n')
+    for command in (["record", "foot"], ["download", "foot"], ["monitor", "foot"], ["cat", "foot"]):
+        done = solenav(*command, cwd=tmp_path)
+        refused(done, 2, "there is no port /dev/ttyNOSUCH9")
+
+
+def test_without_a_port_the_default_is_taken_or_asked_for(tmp_path: Path) -> None:
+    (tmp_path / settings.NAME).write_text('default_port = "/dev/ttyNOSUCH8"\n')
+    for command in ("record", "download", "monitor"):
+        refused(solenav(command, cwd=tmp_path), 2, "there is no port /dev/ttyNOSUCH8")
+
+
+def test_a_shell_completes_the_names_of_ports(tmp_path: Path) -> None:
+    (tmp_path / settings.NAME).write_text('[ports.foot]\ndevice = "/dev/ttyUSB0"\n')
+    environment = {**os.environ, "_SOLENAV_COMPLETE": "complete_bash"}
+    environment |= {"COMP_WORDS": "solenav record fo", "COMP_CWORD": "2"}
+    done = subprocess.run([SOLENAV], env=environment, capture_output=True, text=True, cwd=tmp_path)
+    assert done.stdout.split() == ["foot"]

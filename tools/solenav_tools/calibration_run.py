@@ -25,7 +25,11 @@ _SILENT_S = 5.0
 
 
 def guided(
-    port: str, baud: int, guide: Guide, say: Callable[[str], None], record: Path | None = None
+    port: str,
+    baud: int | None,
+    guide: Guide,
+    say: Callable[[str], None],
+    record: Path | None = None,
 ) -> Recording:
     """Follow a board until the guide is done: the samples that it looked at last.
 
@@ -39,7 +43,7 @@ def guided(
     )
     with opened, writing as writer:
         if record is not None:
-            write_sidecar(record, {"port": port, "baud": baud, "started": time.time()})
+            write_sidecar(record, {"port": port, "baud": opened.baudrate, "started": time.time()})
         for line in guide.opening():
             say(line)
         try:

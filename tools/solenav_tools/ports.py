@@ -11,6 +11,7 @@ import serial
 from serial.tools import list_ports
 
 from solenav.errors import SolenavError
+from solenav_tools import settings
 
 BAUD = 460800
 _WAIT_S = 0.2
@@ -26,8 +27,37 @@ def known_ports() -> str:
     return ports or "none: is the board plugged in?"
 
 
-def open_port(name: str, baud: int = BAUD) -> serial.Serial:
-    """Open a port for reading with a timeout of 50 ms. SolenavError says why it can't be."""
+def known_names() -> list[str]:
+    """What a shell completes: the names of solenav.toml and the ports that the system lists."""
+    try:
+        named = list(settings.load().ports)
+    except SolenavError:
+        named = []
+    return named + [port.device for port in list_ports.comports()]
+
+
+def chosen_port(name: str | None) -> str:
+    """The port that was named, else the settings' default, else the only one there is.
+
+    SolenavError where none was named and there isn't just one.
+    """
+    chosen = name or settings.load().default_port
+    if chosen:
+        return chosen
+    ports = [port.device for port in list_ports.comports()]
+    if len(ports) != 1:
+        raise SolenavError("which port?", f"name one; ports here: {known_ports()}")
+    return ports[0]
+
+
+def open_port(name: str, baud: int | None = None) -> serial.Serial:
+    """Open a port, or one by its name in solenav.toml, for reading with a timeout of 50 ms.
+
+    SolenavError says why it can't be.
+    """
+    known = settings.load().port(name)
+    name = known.device
+    baud = baud or known.baud or BAUD
     try:
         return serial.Serial(name, baud, timeout=0.05, write_timeout=1.0)
     except serial.SerialException as error:
@@ -36,7 +66,7 @@ def open_port(name: str, baud: int = BAUD) -> serial.Serial:
         raise SolenavError(f"{name}: {error}", f"use {BAUD} baud") from None
 
 
-def reopen(name: str, baud: int, over: Callable[[], bool]) -> serial.Serial | None:
+def reopen(name: str, baud: int | None, over: Callable[[], bool]) -> serial.Serial | None:
     """Wait for a port that vanished, and open it; None where `over` said that it is enough."""
     while not over():
         try:

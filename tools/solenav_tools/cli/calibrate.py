@@ -18,10 +18,9 @@ from solenav.capture.sidecar import sidecar_path
 from solenav.errors import SolenavError
 from solenav.recording import Recording
 from solenav_tools.calibration_run import guided
+from solenav_tools.cli.arguments import Baud
 from solenav_tools.cli.calibrate_allan import calibrate_allan
 from solenav_tools.cli.output import Json, check_output, say, say_json, tell, warn, write_text
-from solenav_tools.cli.record import Baud
-from solenav_tools.ports import BAUD
 
 app = typer.Typer(
     help="Find a board's calibration, and put it into the firmware's config.json.",
@@ -51,7 +50,7 @@ def calibrate_accelerometer(
         bool, typer.Option("--edges", help="Guide through six positions on edge as well.")
     ] = False,
     record: Record = None,
-    baud: Baud = BAUD,
+    baud: Baud = None,
     as_json: Json = False,
 ) -> None:
     """From rests with each of the six faces up: scale, bias, and angles of the axes."""
@@ -75,7 +74,7 @@ def calibrate_gyro(
     source: Input,
     output: Output = _DEFAULT,
     record: Record = None,
-    baud: Baud = BAUD,
+    baud: Baud = None,
     as_json: Json = False,
 ) -> None:
     """From rest: bias and noise. From turns between rests, in a capture: scale and axes too."""
@@ -92,7 +91,7 @@ def calibrate_magnetometer(
     source: Input,
     output: Output = _DEFAULT,
     record: Record = None,
-    baud: Baud = BAUD,
+    baud: Baud = None,
     as_json: Json = False,
 ) -> None:
     """From a tumble through all attitudes: hard and soft iron, axes turned to gravity's."""
@@ -181,14 +180,14 @@ def _is_port(source: str) -> bool:
     return path.suffix != ".solcap" and not path.is_file()
 
 
-def _followed(source: str, baud: int, leader: guide.Guide, record: Path | None) -> Recording:
+def _followed(source: str, baud: int | None, leader: guide.Guide, record: Path | None) -> Recording:
     """What a board measures while the person does as the guide says."""
     recording_to = None if record is None else check_output(record, ".solcap")
     return guided(source, baud, leader, tell, recording_to)
 
 
 def _guided_or_loaded(
-    source: str, baud: int, leader: guide.Guide, record: Path | None
+    source: str, baud: int | None, leader: guide.Guide, record: Path | None
 ) -> Recording:
     """From a port with a guide, or a capture made before."""
     return _followed(source, baud, leader, record) if _is_port(source) else _loaded(source)

@@ -15,8 +15,8 @@ from solenav.capture.file import MAGIC
 from solenav.errors import SolenavError
 from solenav.link import NAMES, Damage, Frame, FrameReader, unpack
 from solenav.link.units import in_units
-from solenav_tools.cli.record import Baud
-from solenav_tools.ports import BAUD, PortVanished, open_port
+from solenav_tools.cli.arguments import Baud
+from solenav_tools.ports import PortVanished, open_port
 from solenav_tools.recorder import join_in, stream
 
 
@@ -27,7 +27,7 @@ def cat(
     ] = None,
     raw: Annotated[bool, typer.Option("--raw", help="The wire's integers, not units.")] = False,
     damaged: Annotated[bool, typer.Option(help="Damaged frames as well.")] = False,
-    baud: Baud = BAUD,
+    baud: Baud = None,
 ) -> None:
     """Print each message as a line of JSON as it comes, in SI units. Ctrl-C ends it."""
     wanted = _wanted(only)
@@ -75,7 +75,7 @@ def _of_capture(path: Path) -> Iterator[Frame | Damage]:
     yield from reader.close()
 
 
-def _of_port(name: str, baud: int) -> Iterator[Frame | Damage]:
+def _of_port(name: str, baud: int | None) -> Iterator[Frame | Damage]:
     with open_port(name, baud) as port:
         try:
             join_in(port)

@@ -9,14 +9,14 @@ from typing import Annotated, Any
 import typer
 
 from solenav.errors import SolenavError
+from solenav_tools.cli.arguments import Baud, Port
 from solenav_tools.cli.output import Json, progress, say, say_json, warn
-from solenav_tools.cli.record import Baud, Port
 from solenav_tools.download import BlackBox, Fetched, fetch
-from solenav_tools.ports import BAUD, PortVanished, open_port
+from solenav_tools.ports import PortVanished, chosen_port, open_port
 
 
 def download(
-    port: Port,
+    port: Port = None,
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Folder for the captures.", metavar="DIR")
     ] = Path(),
@@ -24,7 +24,7 @@ def download(
         bool, typer.Option(help="Erase each file on the board once its copy is verified.")
     ] = False,
     only_list: Annotated[bool, typer.Option("--list", help="Only say what is there.")] = False,
-    baud: Baud = BAUD,
+    baud: Baud = None,
     as_json: Json = False,
 ) -> None:
     """Fetch what the board recorded while nobody listened, a capture a file.
@@ -33,6 +33,7 @@ def download(
     """
     if not output.is_dir():
         raise SolenavError(f"there is no folder {output}", f"mkdir -p {output}")
+    port = chosen_port(port)
     began = time.monotonic()
     done: list[Fetched] = []
     here = total = 0
@@ -51,7 +52,7 @@ def download(
             if only_list:
                 result["files"] = [file._asdict() for file in files]
             else:
-                notes = {"port": port, "baud": baud, "downloaded": time.time()}
+                notes = {"port": port, "baud": opened.baudrate, "downloaded": time.time()}
                 with progress("downloading", total) as show:
                     for file in files:
 

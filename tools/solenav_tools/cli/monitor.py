@@ -14,11 +14,12 @@ from rich.live import Live as Screen
 
 from solenav.errors import SolenavError
 from solenav_tools import settings
+from solenav_tools.cli.arguments import Baud, Seconds
 from solenav_tools.cli.output import Json, check_output, say, tell, warn
-from solenav_tools.cli.record import Seconds
 from solenav_tools.monitor import terminal
 from solenav_tools.monitor.watch import Watch, watching
 from solenav_tools.monitor.wearers import Wearer, wearers
+from solenav_tools.ports import chosen_port, known_names
 
 _REFRESH_S = 0.1
 _LINE_S = 1.0
@@ -28,11 +29,16 @@ Tick = Callable[[], None]
 
 def monitor(
     ports: Annotated[
-        list[str],
-        typer.Argument(help="Ports, one a wearer; NAME=PORT names it.", metavar="PORT..."),
-    ],
+        list[str] | None,
+        typer.Argument(
+            help="Ports, one a wearer; NAME=PORT names it; default: the only one.",
+            metavar="[PORT...]",
+            autocompletion=lambda: known_names(),
+            show_default=False,
+        ),
+    ] = None,
     duration: Seconds = None,
-    baud: Annotated[int | None, typer.Option(help="Bits per second.")] = None,
+    baud: Baud = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -51,7 +57,7 @@ def monitor(
 
     In a pipe it prints a line a second for each wearer. A port that vanishes is waited for.
     """
-    found = wearers(ports, settings.load(), baud)
+    found = wearers(ports or [chosen_port(None)], settings.load(), baud)
     place = _recordings(found, output)
     end = time.monotonic() + duration if duration is not None else float("inf")
     with watching(found, place) as watches:

@@ -12,18 +12,15 @@ import typer
 
 from solenav.errors import SolenavError
 from solenav.link import Damage
+from solenav_tools.cli.arguments import Baud, Port, Seconds
 from solenav_tools.cli.output import Json, check_output, say, say_json, tell, warn
-from solenav_tools.ports import BAUD, PortVanished, open_port, reopen
+from solenav_tools.ports import PortVanished, chosen_port, open_port, reopen
 from solenav_tools.recorder import Asker, join_in, stream
 from solenav_tools.rotation import Rotation, limit, numbered
 
-Port = Annotated[str, typer.Argument(help="Serial port of the board.", metavar="PORT")]
-Baud = Annotated[int, typer.Option(help="Bits per second.")]
-Seconds = Annotated[float | None, typer.Option(help="Stop after so many seconds.")]
-
 
 def record(
-    port: Port,
+    port: Port = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Capture to write; default: by the time.")
     ] = None,
@@ -35,19 +32,20 @@ def record(
     reconnect: Annotated[
         bool, typer.Option(help="Wait for a vanished port, and go on in another file.")
     ] = False,
-    baud: Baud = BAUD,
+    baud: Baud = None,
     as_json: Json = False,
 ) -> None:
     """Record what a board sends until Ctrl-C. A vanished port ends it; nothing read is lost."""
     target = check_output(output or Path(time.strftime("%Y%m%d-%H%M%S.solcap")), ".solcap")
     at = limit(rotate) if rotate is not None else None
     paths = numbered(target) if rotate is not None or reconnect else iter([target])
+    port = chosen_port(port)
     opened = open_port(port, baud)
     start = time.monotonic()
     over = lambda: duration is not None and time.monotonic() - start >= duration  # noqa: E731
     counts = {"frames": 0, "damaged": 0}
     gone = False
-    with Rotation(paths, {"port": port, "baud": baud}, at) as writer:
+    with Rotation(paths, {"port": opened.port, "baud": opened.baudrate}, at) as writer:
         try:
             while True:
                 try:
