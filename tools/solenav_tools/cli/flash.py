@@ -58,10 +58,10 @@ def flash(
     switched = False
     repl = SerialRepl(chosen)
     try:
-        found = boards.identify(repl)
-        tell(f"{chosen}: {found.machine}, MicroPython {found.version}, {found.architecture}")
-        tree.prepare(repl)
         try:
+            found = boards.identify(repl)
+            tell(f"{chosen}: {found.machine}, MicroPython {found.version}, {found.architecture}")
+            tree.prepare(repl)
             present = tree.look(repl)
             there = boards.parse_config(present.config or "{}", "the board's config.json")
             name = boards.choose(found, board, there)
@@ -162,5 +162,7 @@ def _only_port() -> str:
         raise SolenavError(f"several boards: {', '.join(names)}", "name one of them")
     for number, found in enumerate(ports, 1):
         tell(f"{number}  {found.device}  {found.description}")
-    picked: int = typer.prompt("which", type=typer.IntRange(1, len(ports)), err=True)
-    return names[picked - 1]
+    picked = str(typer.prompt("which", err=True))
+    if not picked.isdigit() or not 1 <= int(picked) <= len(names):
+        raise SolenavError(f"there is no board {picked} in the list", f"1 to {len(names)}")
+    return names[int(picked) - 1]

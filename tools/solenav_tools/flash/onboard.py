@@ -7,8 +7,10 @@ whichever tree is whole.
 """
 
 import binascii
+import gc
 import hashlib
 import os
+import sys
 
 try:
     import machine
@@ -16,6 +18,13 @@ try:
     fl_dog = machine.WDT(timeout=8388)
 except (ImportError, AttributeError):
     fl_dog = None
+
+
+# The interrupted firmware's modules and buffers fill the heap.
+for fl_name in list(sys.modules):
+    if getattr(sys.modules[fl_name], "__file__", "")[:2] in ("a/", "b/"):
+        del sys.modules[fl_name]
+gc.collect()
 
 
 def fl_feed():

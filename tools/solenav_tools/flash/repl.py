@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import struct
 import time
 from typing import Any, Protocol
 
@@ -76,7 +77,7 @@ class SerialRepl:
                 "flash again; the firmware that was there still is",
                 1,
             ) from None
-        except (*self._broken, TypeError, IndexError, ValueError) as error:
+        except (*self._broken, TypeError, IndexError, ValueError, struct.error) as error:
             raise PortVanished(f"{self.port}: {error}") from None
         return out.decode("utf-8", "replace").replace("\r\n", "\n")
 

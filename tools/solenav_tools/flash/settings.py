@@ -33,12 +33,12 @@ def merged(
         if key not in KEYS:
             raise SolenavError(f"config.json has no key {key}", f"choose from {', '.join(KEYS)}")
     values = array("i", PARAMS)
-    for name, value in params.items():
+    for name, chosen in params.items():
         if name not in NAMES:
             raise SolenavError(f"there is no parameter {name}", "docs/protocol.md lists them")
-        if type(value) is not int or abs(value) >= 2**31:
-            raise SolenavError(f"parameter {name} can't be {value!r}", "it is an integer")
-        values[NAMES.index(name)] = value
+        if type(chosen) is not int or abs(chosen) >= 2**31:
+            raise SolenavError(f"parameter {name} can't be {chosen!r}", "it is an integer")
+        values[NAMES.index(name)] = chosen
     checked(list(values))
     return out
 

@@ -1,11 +1,11 @@
 """A tree of files onto a board: what has to change, and changing it atomically.
 
-`a/` and `b/` are trees of firmware, the file `active` names the one that boots (firmware/switch.py).
-A new one is written into the other folder, each file read back by its SHA-256, and becomes the
-active one by the renaming of `active.new`. On a board flashed by hand, whose files are at the root,
-the renaming of `main.py.new` is the switch. What is the user's or the run's (config.json, log,
-state*.bin) is not touched, but that a changed config.json travels in the new tree, so that the old
-one never meets the new one's settings.
+`a/` and `b/` are trees of firmware, the file `active` names the one that boots
+(firmware/switch.py). A new one is written into the other folder, each file read back by its
+SHA-256, and becomes the active one by the renaming of `active.new`. On a board flashed by hand,
+whose files are at the root, the renaming of `main.py.new` is the switch. What is the user's or
+the run's (config.json, log, state*.bin) is not touched, but that a changed config.json travels
+in the new tree, so that the old one never meets the new one's settings.
 """
 
 from __future__ import annotations
@@ -53,6 +53,7 @@ class Plan:
     kept: int = 0
     main: bytes | None = None
     config: bytes | None = None
+    config_at: str = "config.json"
 
     @property
     def bytes(self) -> int:
@@ -108,7 +109,10 @@ def plan(
     main = None if here.get("main.py") == digest(switch) else switch
     wanted = {name: digest(data) for name, data in tree.items()}
     if active and all(here.get(f"{active}/{name}") == sha for name, sha in wanted.items()):
-        return Plan(active, kept=len(tree), main=main, config=changed)
+        return Plan(active, kept=len(tree), main=main, config=changed, config_at=present.config_at)
+    if present.config_at != "config.json":
+        # It waits in the tree that goes, and no boot has put it in its place yet.
+        changed = json.dumps(config, indent=1).encode()
     target = TREES[1] if active == TREES[0] else TREES[0]
     out = Plan(target, True, main=main, config=changed)
     source = {sha: path for path, sha in here.items() if active and path.startswith(active + "/")}
@@ -180,7 +184,7 @@ def apply(repl: Repl, todo: Plan, progress: Callable[[int], None]) -> None:
         send("active.new", todo.target.encode())
         _rename(repl, "active.new", "active")
     elif todo.config is not None:
-        _rename(repl, "config.json.new", "config.json")
+        _rename(repl, "config.json.new", todo.config_at)
     if todo.main is not None:
         _rename(repl, "main.py.new", "main.py")
 
@@ -188,20 +192,17 @@ def apply(repl: Repl, todo: Plan, progress: Callable[[int], None]) -> None:
 def clean(repl: Repl, todo: Plan, tree: Mapping[str, bytes]) -> None:
     """Remove what nothing boots any more: the other tree, and files once copied to the root."""
     other = TREES[1] if todo.target == TREES[0] else TREES[0]
-    rooted = {name.rpartition(".")[0] for name in tree}
-    loose = {f"{stem}{end}" for stem in rooted for end in (".py", ".mpy")} - {"main.py"}
-    loose |= {"build.json", "switch.py"}
-    folders = sorted({name.partition("/")[0] for name in loose if "/" in name})
-    tops = sorted(name for name in loose if "/" not in name)
-    # Only files of ours go from the root's folders; a folder goes when it is empty then.
     repl.run(f"fl_remove({other!r})")
-    present = repl.run("print('\\n'.join(os.listdir('')))").split("\n")
-    for name in tops:
-        if name in present:
-            repl.run(f"fl_remove({name!r})")
-    for folder in folders:
-        if folder in present:
-            repl.run(f"fl_remove({folder!r})")
+    if repl.run("print(fl_exists('solenav_core'))").strip() != "True":
+        return
+    stems = {name.rpartition(".")[0] for name in tree} - {"main"}
+    # The core last: it tells a next flash that something of ours is still there.
+    for stem in sorted(stems, key=lambda name: (name.startswith("solenav_core"), name)):
+        repl.run(f"fl_remove({stem + '.py'!r})\nfl_remove({stem + '.mpy'!r})")
+    repl.run("fl_remove('build.json')\nfl_remove('switch.py')")
+    # A folder with files of the user's own stays.
+    for folder in ("boards", "solenav_core/tables", "solenav_core"):
+        repl.run(f"try: os.rmdir({folder!r})\nexcept OSError: pass")
 
 
 def _rename(repl: Repl, old: str, new: str) -> None:
