@@ -44,6 +44,7 @@ class Flash:
             rmdir=lambda path: (self.step(), self.at(path).rmdir()),
             remove=lambda path: (self.step(), self.at(path).unlink()),
             rename=lambda old, new: (self.step(), self.at(old).replace(self.at(new))),
+            getcwd=lambda: "",
             statvfs=lambda path: (4096, 0, 0, self.free // 4096),
         )
 

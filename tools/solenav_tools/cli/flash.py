@@ -92,8 +92,12 @@ def flash(
             "dry_run": dry_run,
         }
         if link is not None and not dry_run:
-            with open_port(link, baud) as opened:
+            if link == chosen:
                 repl.reset()
+                repl.close()
+            with open_port(link, baud) as opened:
+                if link != chosen:
+                    repl.reset()
                 result["hello"] = hello.awaited(opened, link, build_hash())
         else:
             repl.reset()

@@ -102,5 +102,5 @@ def fl_remove(path):
 
 
 def fl_free():
-    found = os.statvfs("")
+    found = os.statvfs(os.getcwd())
     return found[0] * found[3]

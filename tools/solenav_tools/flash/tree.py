@@ -72,7 +72,7 @@ def prepare(repl: Repl) -> None:
 
 def look(repl: Repl) -> Present:
     """Read what is there; nothing is changed."""
-    names = repl.run("fl_feed()\nprint(os.listdir(''))")
+    names = repl.run("fl_feed()\nprint(os.listdir())")
     files = {}
     listed = repl.run(
         "for n in ('a', 'b'):\n if fl_exists(n): fl_list(n)\n"
