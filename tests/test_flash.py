@@ -7,6 +7,7 @@ import contextlib
 import io
 import json
 import os
+import shutil
 import subprocess
 import threading
 import tty
@@ -151,9 +152,11 @@ def test_power_cut_at_any_write_leaves_the_old_or_the_new_and_the_next_flash_com
     tmp_path: Path, before: Any
 ) -> None:
     seen = set()
+    template = tmp_path / "before"
+    before(template)
     for cut in range(2000):
         folder = tmp_path / str(cut)
-        before(folder)
+        shutil.copytree(template, folder)
         was = booted(folder)
         (folder / "log").mkdir()
         (folder / "log" / "000001.frames").write_bytes(b"kept")
@@ -286,6 +289,30 @@ def test_the_command_flashes_a_real_micropython_and_then_has_nothing_to_do(
     assert "'M_A': 1638" in ran.stdout
     again = solenav("flash", port, "--board", "rp2_pico")
     assert again.returncode == 0 and "nothing to do" in again.stdout, again.stderr
+
+
+def test_a_cable_pulled_in_the_middle_is_told_and_nothing_half_boots(
+    board: tuple[str, Path],
+) -> None:
+    port, folder = board
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    inner = os.open(port, os.O_RDWR | os.O_NOCTTY)
+
+    def carry(source: int, target: int, most: int) -> None:
+        with contextlib.suppress(OSError):
+            while most > 0 and (data := os.read(source, 256)):
+                os.write(target, data)
+                most -= len(data)
+            os.close(slave)
+            os.close(master)
+
+    for source, target, most in ((master, inner, 60_000), (inner, master, 10**9)):
+        threading.Thread(target=carry, args=(source, target, most), daemon=True).start()
+    pulled = solenav("flash", os.ttyname(slave), "--board", "rp2_pico", timeout=120)
+    refused(pulled, 1, "vanished", "boots what is whole")
+    arrived = [path for path in folder.rglob("*") if path.is_file()]
+    assert arrived and not (folder / "active").exists() and not (folder / "main.py").exists()
 
 
 def test_a_port_without_a_repl_is_refused() -> None:

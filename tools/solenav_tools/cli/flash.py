@@ -38,7 +38,8 @@ def flash(
     ] = None,
     baud: Baud = BAUD,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say what would be done; write nothing.")
+        bool,
+        typer.Option("--dry-run", help="Write nothing, say what would be; the board restarts."),
     ] = False,
     as_json: Json = False,
 ) -> None:
