@@ -49,7 +49,8 @@ def load():
 
 def build():
     """(hash, version) that the stager wrote; (0, "unversioned") for files copied by hand."""
-    staged = _read("build.json", [])
+    # Beside this file, in whichever tree runs; config.json is one for all of them.
+    staged = _read(__file__[: __file__.rfind("/") + 1] + "build.json", [])
     return staged.get("hash", 0), staged.get("version", "unversioned")
 
 

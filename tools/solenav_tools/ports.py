@@ -61,7 +61,7 @@ def open_port(name: str, baud: int | None = None) -> serial.Serial:
     try:
         return serial.Serial(name, baud, timeout=0.05, write_timeout=1.0)
     except serial.SerialException as error:
-        raise _explained(name, error) from None
+        raise explained(name, error) from None
     except ValueError as error:
         raise SolenavError(f"{name}: {error}", f"use {BAUD} baud") from None
 
@@ -76,7 +76,8 @@ def reopen(name: str, baud: int | None, over: Callable[[], bool]) -> serial.Seri
     return None
 
 
-def _explained(name: str, error: serial.SerialException) -> SolenavError:
+def explained(name: str, error: serial.SerialException) -> SolenavError:
+    """Why a port could not be opened, for a person."""
     if error.errno == errno.ENOENT or "FileNotFoundError" in str(error):
         return SolenavError(f"there is no port {name}", f"ports here: {known_ports()}")
     if error.errno == errno.EACCES or "PermissionError" in str(error):

@@ -16,6 +16,7 @@ from solenav.engines import device_form
 from solenav.engines.thumb.compiler import compiled
 from solenav.errors import SolenavError
 
+SWITCH = "switch.py"
 _SIMULATED = "solenav.sim.board.simulated"
 
 
@@ -83,6 +84,28 @@ def stage_board(folder: Path, march: str) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(compiled(Path(name).stem, text, march))
     _write(folder / "build.json", json.dumps({"hash": build_hash(), "version": _version()}))
+
+
+def board_tree(march: str) -> dict[str, bytes]:
+    """What `solenav flash` writes into a tree of a board, by name there: all of it compiled.
+
+    SolenavError where mpy-cross is missing or refuses.
+    """
+    texts = {f"solenav_core/{name}": text for name, text in device_form.modules().items()}
+    for name, path in _files():
+        if not name.startswith("solenav_core/") and name != SWITCH:
+            texts[name] = path.read_text(encoding="utf-8")
+    tree = {
+        name[: -len("py")] + "mpy": compiled(Path(name).stem, text, march)
+        for name, text in texts.items()
+    }
+    tree["build.json"] = json.dumps({"hash": build_hash(), "version": _version()}).encode()
+    return tree
+
+
+def switch() -> bytes:
+    """The `main.py` at a board's root, which picks the tree to run."""
+    return (firmware_path() / SWITCH).read_bytes().replace(b"\r\n", b"\n")
 
 
 def _write(path: Path, text: str) -> None:

@@ -27,6 +27,7 @@ from solenav_tools.cli import (
     download,
     evaluate,
     export,
+    flash,
     import_recording,
     info,
     matrix,
@@ -91,6 +92,7 @@ app.command("simulate")(simulate.simulate)
 app.command("import")(import_recording.import_recording)
 app.command("replay")(replay.replay)
 app.command("run-firmware")(run_firmware.run_firmware)
+app.command("flash")(flash.flash)
 app.command("record")(record.record)
 app.command("monitor")(monitor.monitor)
 app.command("download")(download.download)

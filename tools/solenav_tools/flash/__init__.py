@@ -1,0 +1,1 @@
+"""Firmware onto a board: over its REPL, atomically, only what changed."""

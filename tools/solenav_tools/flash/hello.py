@@ -1,0 +1,59 @@
+"""Waiting for a board that was just flashed to say who it is."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import serial
+
+from solenav.errors import SolenavError
+from solenav.link import Damage, FrameReader, unpack
+from solenav_core import messages
+from solenav_tools.ports import read_some
+from solenav_tools.recorder import Asker
+
+_PATIENCE_S = 20.0
+_ASK_S = 1.0
+
+
+def awaited(port: serial.Serial, name: str, build: int) -> dict[str, Any]:
+    """HELLO of the new firmware. SolenavError where none comes or it tells of a fault."""
+    asker, reader = Asker(port), FrameReader()
+    end = time.monotonic() + _PATIENCE_S
+    ask = time.monotonic() + _ASK_S
+    other = None
+    while time.monotonic() < end:
+        if time.monotonic() > ask:
+            asker.ask(messages.ASK_HELLO)
+            ask += _ASK_S
+        for item in reader.feed(read_some(port)):
+            if isinstance(item, Damage) or item.kind != messages.HELLO:
+                continue
+            fields = unpack(item)
+            if fields["schema"] != messages.SCHEMA or fields["build"] != build:
+                other = fields  # the old firmware's last words, perhaps
+                continue
+            return _sound(fields)
+    if other is not None:
+        raise SolenavError(
+            f"the board runs build {other['build']:08x}, not {build:08x}", "flash again", 1
+        )
+    raise SolenavError(
+        f"{name}: no HELLO within {_PATIENCE_S:.0f} s",
+        "check the adapter: its RX to the board's TX, common ground; the files are on the board",
+        1,
+    )
+
+
+def _sound(fields: dict[str, Any]) -> dict[str, Any]:
+    if fields["self_test"]:
+        raise SolenavError(
+            f"the core's self-test {fields['self_test']} fails on the board",
+            "flash again; if it stays, report it with the board's name",
+            1,
+        )
+    failed = fields["sensor_test"]
+    if failed and failed != messages.NOT_TESTED:
+        raise SolenavError(f"the sensor's self-test fails ({failed})", "check its wiring", 1)
+    return fields
