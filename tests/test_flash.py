@@ -20,7 +20,7 @@ import pytest
 from cli import refused, solenav
 
 from solenav.errors import SolenavError
-from solenav_tools.flash import boards, settings, tree
+from solenav_tools.flash import board_config, boards, tree
 from solenav_tools.micropython import find_micropython
 from solenav_tools.ports import PortVanished
 from solenav_tools.staging import build_hash, switch
@@ -239,7 +239,7 @@ def test_a_pico_s_own_answer_makes_it_a_pico() -> None:
 @pytest.mark.parametrize("bad", ["M_A=99999", "NO_SUCH=1", "M_A", "M_A=x"])
 def test_parameters_past_the_core_s_limits_are_refused(bad: str) -> None:
     with pytest.raises(SolenavError):
-        settings.merged({}, {}, [bad], "rp2_pico")
+        board_config.merged({}, {}, [bad], "rp2_pico")
 
 
 @pytest.fixture

@@ -12,10 +12,10 @@ from serial.tools import list_ports
 
 from solenav.errors import SolenavError
 from solenav_tools.cli.output import Json, progress, say, say_json, tell
-from solenav_tools.cli.record import Baud
-from solenav_tools.flash import boards, hello, settings, tree
+from solenav_tools.cli.arguments import Baud
+from solenav_tools.flash import board_config, boards, hello, tree
 from solenav_tools.flash.repl import SerialRepl
-from solenav_tools.ports import BAUD, PortVanished, open_port
+from solenav_tools.ports import PortVanished, open_port
 from solenav_tools.staging import board_tree, build_hash, switch
 
 
@@ -36,7 +36,7 @@ def flash(
     link: Annotated[
         str | None, typer.Option(help="Port of the UART adapter, where HELLO is awaited.")
     ] = None,
-    baud: Baud = BAUD,
+    baud: Baud = None,
     dry_run: Annotated[
         bool,
         typer.Option("--dry-run", help="Write nothing, say what would be; the board restarts."),
@@ -53,7 +53,7 @@ def flash(
     if board is not None and board not in boards.BOARDS:
         raise SolenavError(f"there is no board {board}", f"choose {', '.join(boards.BOARDS)}")
     given = _given(config)
-    settings.merged({}, given, param or [], board or "rp2_pico")  # before the board is disturbed
+    board_config.merged({}, given, param or [], board or "rp2_pico")  # before the board is disturbed
     chosen = port or _only_port()
     began = time.monotonic()
     switched = False
@@ -66,7 +66,7 @@ def flash(
             present = tree.look(repl)
             there = boards.parse_config(present.config or "{}", "the board's config.json")
             name = boards.choose(found, board, there)
-            wanted = settings.merged(there, given, param or [], name)
+            wanted = board_config.merged(there, given, param or [], name)
             files = board_tree(found.architecture)
             todo = tree.plan(present, files, switch(), wanted)
             if not dry_run:
