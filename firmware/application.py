@@ -1,13 +1,14 @@
 """The loop: samples into the core, messages out, commands in."""
 
 from binascii import crc32
+from struct import unpack_from
 from time import ticks_diff, ticks_ms, ticks_us
 
 import config
 import machine
 import reports
 from blackbox import BlackBox
-from bus import Bus
+from bus import FAST, SLOW, Bus
 from checkpoint import Checkpoint
 from download import Download
 from link import Link
@@ -90,6 +91,7 @@ class Application:
             messages.ASK_START: self.start,
             messages.ASK_STOP: self.stop,
             messages.ASK_SNAPSHOT: self.ask_snapshot,
+            messages.ASK_BUS_TEST: self.test_bus,
         }
         self.commands.update(self.download.commands)
 
@@ -347,6 +349,16 @@ class Application:
             self.sampler.stop()
         except SensorError as error:
             self.log(_WARNING, str(error))
+
+    def test_bus(self):
+        """How well the sensor's bus carries a clock; only while nobody needs its samples."""
+        khz, reads = unpack_from(messages.FORMATS[messages.ASK_BUS_TEST], self.link.command, HEADER)
+        if self.wanted or khz not in (SLOW, FAST):
+            return messages.REFUSED
+        self.link.flush()
+        done, errors = self.sensor.test_bus(khz, reads)
+        reports.bus_test(self.link, self.state[_TICK], khz, done, errors)
+        self.beat = ticks_ms()
 
     def end_run(self):
         """Nobody is to go on with it."""

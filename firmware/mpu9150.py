@@ -68,6 +68,8 @@ _ALIKE = const(256)
 # Self-test: at ±8 g and ±250 °/s, where its factory trim holds.
 _TEST_SAMPLES = const(32)
 _TEST_TOLERANCE = const(14)  # % of the factory trim
+_BUS_READS = const(500)
+_BUS_ERRORS = const(20)
 _TEST_TRIES = const(3)
 _STILL_ACC = const(410)  # counts: 0.1 g
 _STILL_GYRO = const(655)  # counts: 5 °/s
@@ -451,6 +453,24 @@ class Mpu9150:
         if not _still(least, most):
             return None
         return [(n + _TEST_SAMPLES // 2) // _TEST_SAMPLES for n in total]
+
+    def test_bus(self, khz, reads):
+        """(reads done, errors among them) of the identity at a clock; the bus is then as before.
+
+        At most 500 reads, and it gives up after 20 errors: the watchdog goes on counting.
+        """
+        before = self.bus.khz
+        self.bus.open(khz)
+        errors = done = 0
+        while done < min(reads, _BUS_READS) and errors < _BUS_ERRORS:
+            done += 1
+            try:
+                self.bus.read_into(self._address, _WHO_AM_I, self._status)
+                errors += self._status[0] != _IDENTITY
+            except OSError:
+                errors += 1
+        self.bus.open(before)
+        return done, errors
 
     def _read(self, register):
         try:

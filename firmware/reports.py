@@ -11,6 +11,7 @@ from bus import FAST, SLOW
 
 from solenav_core.framing import HEADER, PAYLOAD_MAX
 from solenav_core.messages import (
+    BUS_TEST,
     FORMATS,
     HELLO,
     LOG,
@@ -78,6 +79,12 @@ def status(link, tick, mode, sampler, temperature, worst):
     )
     # fmt: on
     link.send(STATUS, tick, HEADER + SIZES[STATUS])
+
+
+def bus_test(link, tick, khz, reads, errors):
+    """What a test of the sensor's bus found."""
+    pack_into(FORMATS[BUS_TEST], link.frame, HEADER, khz, reads, errors)
+    link.send(BUS_TEST, tick, HEADER + SIZES[BUS_TEST])
 
 
 def log(link, tick, level, text):

@@ -26,6 +26,7 @@ ACK = 0x0A
 FILE = 0x0B
 FILE_DATA = 0x0C
 FILE_CHECK = 0x0D
+BUS_TEST = 0x0E
 
 ASK_HELLO = 0x40
 ASK_START = 0x41
@@ -36,6 +37,7 @@ ASK_FILES = 0x45
 ASK_DATA = 0x46
 ASK_CHECK = 0x47
 ASK_ERASE = 0x48
+ASK_BUS_TEST = 0x49
 
 # SAMPLE flags
 CLIPPED_ACC = 1
@@ -270,6 +272,16 @@ MESSAGES = (
             ("crc", "I", 1, "", "CRC-32 of the whole file"),
         ),
     ),
+    (
+        BUS_TEST,
+        "BUS_TEST",
+        "when asked for and done",
+        (
+            ("khz", "H", 1, "kHz", "clock of the sensor's bus during the test"),
+            ("reads", "H", 1, "", "one-byte reads of the sensor's identity"),
+            ("errors", "H", 1, "", "of them failed or gave another value"),
+        ),
+    ),
     (ASK_HELLO, "ASK_HELLO", "command: send HELLO and PARAMS", ()),
     (ASK_START, "ASK_START", "command: start afresh with a static start", ()),
     (ASK_STOP, "ASK_STOP", "command: stop sampling", ()),
@@ -310,6 +322,15 @@ MESSAGES = (
             ("number", "I", 1, "", "the file"),
             ("size", "I", 1, "bytes", "of the file"),
             ("crc", "I", 1, "", "CRC-32 of the whole file"),
+        ),
+    ),
+    (
+        ASK_BUS_TEST,
+        "ASK_BUS_TEST",
+        "command: read the sensor's identity again and again; refused while sampling",
+        (
+            ("khz", "H", 1, "kHz", "clock, 100 or 400"),
+            ("reads", "H", 1, "", "how often, at most 500; it ends after 20 errors"),
         ),
     ),
 )

@@ -25,19 +25,27 @@ BOARDS = {
 
 # A Pyboard's UART has no choice of pins, so its module doesn't name them.
 _UART_PINS = {"pyboard": ("X1", "X2")}
-_COLOURS = {"VCC": "#c0392b", "GND": "#333333", "SDA": "#1f77b4", "SCL": "#d9a400", "INT": "#2e8b57"}
+_COLOURS = {
+    "VCC": "#c0392b",
+    "GND": "#333333",
+    "SDA": "#1f77b4",
+    "SCL": "#d9a400",
+    "INT": "#2e8b57",
+}
 
 _PAGE = """# Wiring
 
 Written by `python tools/site/wiring.py` from the boards' modules in `firmware/boards/`.
 
-The sensor goes onto the right instep, the board to the waist, some 1 m of cable between them. SDA and SCL each
-twisted with a ground wire of their own, pull-ups of about 2 kΩ to 3V3 at the board's end (an MPU-9150 breakout often has
-4.7 kΩ or 10 kΩ, which is too weak for 400 kHz over a metre), 100 nF and 10 µF from VCC to GND at the sensor. AD0 to GND.
-Everything is 3.3 V: never 5 V to VCC of a bare MPU-9150, nor from the adapter's TX.
+The sensor goes onto the right instep, the board to the waist, some 1 m of cable between them. SDA
+and SCL each twisted with a ground wire of their own, pull-ups of about 2 kΩ to 3V3 at the board's
+end (an MPU-9150 breakout often has 4.7 kΩ or 10 kΩ, which is too weak for 400 kHz over a metre),
+100 nF and 10 µF from VCC to GND at the sensor. AD0 to GND. Everything is 3.3 V: never 5 V to VCC of
+a bare MPU-9150, nor from the adapter's TX.
 
-The link to a computer is the UART, 460800 baud, through a USB serial adapter of 3.3 V; its TX goes to the board's RX
-and its RX to the board's TX. The board's own USB is for [flashing](flash.md) only, or for power.
+The link to a computer is the UART, 460800 baud, through a USB serial adapter of 3.3 V; its TX goes
+to the board's RX and its RX to the board's TX. The board's own USB is for [flashing](flash.md)
+only, or for power.
 """
 
 
@@ -99,7 +107,8 @@ def drawing(board: str) -> str:
     for i, (here, there) in enumerate(rows):
         y = 100 + 38 * i
         out.append(
-            f'<line x1="170" y1="{y}" x2="430" y2="{y}" stroke="{_COLOURS[here]}" stroke-width="3"/>'
+            f'<line x1="170" y1="{y}" x2="430" y2="{y}" stroke-width="3"'
+            f' stroke="{_COLOURS[here]}"/>'
         )
         out.append(_text(160, y + 5, here, "end") + _text(440, y + 5, there, "start"))
     for i, x in ((2, 340), (3, 380)):
@@ -109,7 +118,7 @@ def drawing(board: str) -> str:
             ' stroke="#333333" stroke-width="1.5"/>'
             f'<circle cx="{x}" cy="138" r="3.5"/><circle cx="{x}" cy="{y}" r="3.5"/>'
         )
-    out.append(_text(360, 126, "2 × 2 kΩ", "middle", 12))
+    out.append(_text(360, 126, "two of 2 kΩ", "middle", 12))
     for i, (here, there) in enumerate(((p.tx, "RX"), (p.rx, "TX"), ("GND", "GND"))):
         y = 316 + 24 * i
         colour = ("#8e44ad", "#e67e22", "#333333")[i]

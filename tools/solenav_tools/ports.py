@@ -37,14 +37,15 @@ def known_names() -> list[str]:
 
 
 def chosen_port(name: str | None) -> str:
-    """The port that was named, else the settings' default, else the only one there is.
+    """The port that was named, else the settings' default, else the only one on USB.
 
     SolenavError where none was named and there isn't just one.
     """
     chosen = name or settings.load().default_port
     if chosen:
         return chosen
-    ports = [port.device for port in list_ports.comports()]
+    # A computer's own serial ports have no board on them.
+    ports = [port.device for port in list_ports.comports() if port.vid is not None]
     if len(ports) != 1:
         raise SolenavError("which port?", f"name one; ports here: {known_ports()}")
     return ports[0]

@@ -24,6 +24,7 @@ from solenav_tools.cli import (
     calibrate,
     cat,
     compare,
+    doctor,
     download,
     evaluate,
     export,
@@ -95,6 +96,7 @@ app.command("run-firmware")(run_firmware.run_firmware)
 app.command("flash")(flash.flash)
 app.command("record")(record.record)
 app.command("monitor")(monitor.monitor)
+app.command("doctor")(doctor.doctor)
 app.command("download")(download.download)
 app.command("batch")(batch.batch)
 app.command("cat")(cat.cat)

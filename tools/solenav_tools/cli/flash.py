@@ -11,8 +11,8 @@ import typer
 from serial.tools import list_ports
 
 from solenav.errors import SolenavError
-from solenav_tools.cli.output import Json, progress, say, say_json, tell
 from solenav_tools.cli.arguments import Baud
+from solenav_tools.cli.output import Json, progress, say, say_json, tell
 from solenav_tools.flash import board_config, boards, hello, tree
 from solenav_tools.flash.repl import SerialRepl
 from solenav_tools.ports import PortVanished, open_port
@@ -53,7 +53,9 @@ def flash(
     if board is not None and board not in boards.BOARDS:
         raise SolenavError(f"there is no board {board}", f"choose {', '.join(boards.BOARDS)}")
     given = _given(config)
-    board_config.merged({}, given, param or [], board or "rp2_pico")  # before the board is disturbed
+    board_config.merged(
+        {}, given, param or [], board or "rp2_pico"
+    )  # before the board is disturbed
     chosen = port or _only_port()
     began = time.monotonic()
     switched = False

@@ -28,6 +28,10 @@ def be_quiet() -> None:
     _quiet = True
 
 
+def is_quiet() -> bool:
+    return _quiet
+
+
 def fail(error: SolenavError) -> int:
     """Print what happened and what to do; the exit code."""
     _errors.print(f"[bold red]error:[/] {escape(error.message)}")
