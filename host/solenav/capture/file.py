@@ -181,18 +181,23 @@ class _Scan:
         near = self._by_lengths(last, last + _RECORD_MAX)[0][:_NEAR]
         end = last + sum(_RECORD.size + len(data) for _arrival, data in near)
 
+        # With one chain what follows is the same for all; with two, damage behind the nearer one
+        # must not speak for the farther.
+        read = self._by_lengths if len(founds) == 1 else self._by_chains_between
+        after = {stop: read(stop, end)[0] for _choice, stop in choices}
+
         def frames(choice: Records, stop: int) -> int:
-            return _frames([*before, *choice[0], *self._as_far_as(stop, end)])
+            return _frames([*before, *choice[0], *after[stop]])
 
         (records, left), stop = max(choices, key=lambda choice: frames(*choice))
         return records, left, stop
 
-    def _as_far_as(self, at: int, end: int) -> list[tuple[float, bytes]]:
-        """A plain reading between two places; what is damaged there as well is mended."""
-        records = self._by_lengths(at, end)[0]
-        if _in_order(records):
-            return records
-        return _Scan(self.data[at:end], doubting=False)._by_chains(0)[0]
+    def _by_chains_between(self, at: int, end: int) -> Records:
+        """The records between two places, damage mended where lengths and times show some."""
+        plain = self._by_lengths(at, end)
+        if _in_order(plain[0]):
+            return plain
+        return _Scan(self.data[at:end], doubting=False)._by_chains(0)
 
     def _follows(self, arrival: float, at: int) -> bool:
         """Whether a header at `at` goes on from a record that arrived at `arrival`."""
