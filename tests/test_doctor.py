@@ -17,10 +17,17 @@ from test_monitor import Cable
 from solenav.link import encode
 from solenav_core import messages
 from solenav_tools import doctor
-from solenav_tools.board import SimulatedBoard
+from solenav_tools.board import Samples, SimulatedBoard
 from solenav_tools.doctor import FAIL, PASS, SKIP, WARN, Seen
 
-STILL = np.tile([0, 0, 2048, 0, 0, 0], (60_000, 1)).astype(np.int16)
+SAMPLES = 60_000
+RNG = np.random.default_rng(3)
+STILL = Samples(
+    np.arange(SAMPLES) * 5000,
+    # With some noise: a sensor whose data never change counts as frozen.
+    (np.array([0, 0, 2048, 0, 0, 0]) + RNG.integers(-3, 4, (SAMPLES, 6))).astype(np.int16),
+    np.full(SAMPLES, -3400, np.int16),
+)
 
 
 @contextmanager
@@ -57,9 +64,9 @@ def test_a_walk_is_not_ended_unasked_and_goes_on_afterwards() -> None:
 
 
 def test_a_bus_that_is_bad_at_the_fast_clock_is_told_from_a_good_one() -> None:
-    bad = {"kind": "nack", "at": 4_000_000, "every": 3, "above": 100_000}
-    with board({"autostart": False}, faults=[bad]) as port:
-        code, checks = examined(port)
+    bad = {"kind": "nack", "at": 0, "every": 3, "above": 100_000}
+    with board(faults=[bad]) as port:
+        code, checks = examined(port, "--bus")
     assert code == 1
     assert checks["bus at 400 kHz"]["verdict"] == FAIL
     assert "2 kΩ" in checks["bus at 400 kHz"]["remedy"]
@@ -90,7 +97,7 @@ def test_parameters_of_ones_own_are_named() -> None:
 
 
 def test_a_nearly_full_flash_is_told() -> None:
-    with board(flash={"capacity": 400_000}) as port:
+    with board(flash={"capacity": 540_000}) as port:
         _code, checks = examined(port)
     assert checks["flash"]["verdict"] == WARN
     assert "download" in checks["flash"]["remedy"]
@@ -137,8 +144,12 @@ def test_a_core_that_computes_wrongly_fails_by_the_test_s_name() -> None:
 
 @pytest.mark.parametrize(
     ("bits", "verdict", "says"),
-    [(0, PASS, "within"), (2, FAIL, "gyro failed"), (5, FAIL, "accelerometer, magnetometer")]
-    + [(messages.NOT_TESTED, WARN, "it was moved")],
+    [
+        (0, PASS, "within"),
+        (2, FAIL, "gyro failed"),
+        (5, FAIL, "accelerometer, magnetometer"),
+        (messages.NOT_TESTED, WARN, "it was moved"),
+    ],
 )
 def test_the_sensor_s_own_tests_are_read(bits: int, verdict: str, says: str) -> None:
     check = doctor._sensor_test(bits)
