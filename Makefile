@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 DEMO := demo
 
-.PHONY: demo test lint bench firmware tables golden clean
+.PHONY: demo test docs lint bench firmware tables golden clean
 
 demo: $(VENV)/.installed
 	@mkdir -p $(DEMO)
@@ -21,6 +21,10 @@ demo: $(VENV)/.installed
 
 test: $(VENV)/.installed lint
 	$(BIN)/python -m pytest -n auto --dist loadfile
+
+docs: $(VENV)/.installed
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	@echo build/site/index.html
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff format --check .

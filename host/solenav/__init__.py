@@ -17,11 +17,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from solenav.batching import batch
     from solenav.capture import load
     from solenav.capture.summary import summary as info
     from solenav.comparison.runs import compare
     from solenav.datasets import read as read_recording
     from solenav.evaluation import evaluate
+    from solenav.exporting import export
     from solenav.importing import to_capture
     from solenav.plotting import plot
     from solenav.replaying import replay
@@ -29,12 +31,16 @@ if TYPE_CHECKING:
     from solenav.tuning import tune
     from solenav.verification import verify
     from solenav_tools.firmware_run import run as run_firmware
+    from solenav_tools.matrix import run as matrix
 
 _PLACES = {
+    "batch": "solenav.batching:batch",
     "compare": "solenav.comparison.runs:compare",
     "evaluate": "solenav.evaluation:evaluate",
+    "export": "solenav.exporting:export",
     "info": "solenav.capture.summary:summary",
     "load": "solenav.capture:load",
+    "matrix": "solenav_tools.matrix:run",
     "plot": "solenav.plotting:plot",
     "read_recording": "solenav.datasets:read",
     "replay": "solenav.replaying:replay",
@@ -46,10 +52,13 @@ _PLACES = {
 }
 
 __all__ = [
+    "batch",
     "compare",
     "evaluate",
+    "export",
     "info",
     "load",
+    "matrix",
     "plot",
     "read_recording",
     "replay",

@@ -1,0 +1,42 @@
+"""`import solenav`: a function for each command."""
+
+from __future__ import annotations
+
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import solenav
+
+
+def test_every_name_is_a_function_with_a_docstring() -> None:
+    for name in solenav.__all__:
+        function = getattr(solenav, name)
+        assert inspect.isfunction(function), name
+        assert inspect.getdoc(function), name
+        assert name in dir(solenav)
+
+
+def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
+    assert not hasattr(solenav, "verifi")
+
+
+def test_a_submodule_does_not_hide_a_function() -> None:
+    code = (
+        "import solenav, solenav.verification, solenav.plotting, solenav.exporting;"
+        "print(callable(solenav.verify), callable(solenav.plot), callable(solenav.export))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout.split() == ["True"] * 3, done.stderr
+
+
+def test_a_notebook_loads_verifies_evaluates_and_draws(replayed: Path, tmp_path: Path) -> None:
+    run = solenav.load(replayed)
+    assert solenav.verify(run, "fast").verified
+    assert solenav.evaluate(run).distance_m > 5
+    assert solenav.info(run)["poses"]["count"] == len(run.poses)
+    solenav.plot(run, tmp_path / "run.png")
+    assert (tmp_path / "run.png").stat().st_size > 10_000
+    assert solenav.export(replayed, "tum", tmp_path / "run.tum").items == len(run.poses)
+    assert solenav.batch([replayed], engine="fast")[0].verified
