@@ -32,11 +32,11 @@ def test_a_submodule_does_not_hide_a_function() -> None:
 
 
 def test_a_notebook_loads_verifies_evaluates_and_draws(replayed: Path, tmp_path: Path) -> None:
-    run = solenav.load(replayed)
-    assert solenav.verify(run, "fast").verified
+    run = solenav.load(str(replayed))
+    assert solenav.verify(run).verified
     assert solenav.evaluate(run).distance_m > 5
     assert solenav.info(run)["poses"]["count"] == len(run.poses)
-    solenav.plot(run, tmp_path / "run.png")
+    solenav.plot(run, str(tmp_path / "run.png"))
     assert (tmp_path / "run.png").stat().st_size > 10_000
     assert solenav.export(replayed, "tum", tmp_path / "run.tum").items == len(run.poses)
     assert solenav.batch([replayed], engine="fast")[0].verified

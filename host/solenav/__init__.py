@@ -5,7 +5,7 @@
     run = solenav.load("walk.solcap")
     solenav.verify(run).verified
     solenav.evaluate(run).distance_m
-    solenav.plot(run, Path("walk.png"))
+    solenav.plot(run, "walk.png")
 
 Each is the function that the command of that name calls, and is loaded when it is first used.
 Those that touch a device come from `solenav_tools`, which nothing else in this package knows.

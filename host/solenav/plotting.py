@@ -83,14 +83,14 @@ class _Walk:
     comparison: Comparison | None
 
 
-def plot(capture: Capture, out: Path, *, title: str | None = None) -> None:
+def plot(capture: Capture, out: Path | str, *, title: str | None = None) -> None:
     """Draw a capture with poses into a PNG of `SIZE_IN` inches at `DPI`.
 
     Truth, where there is some, is laid onto the estimate as `solenav.evaluation` does.
     Raises SolenavError without poses or matplotlib, and where `out` can't be written.
     """
     walk = _gather(capture)
-    with sheet(out, SIZE_IN) as figure:
+    with sheet(Path(out), SIZE_IN) as figure:
         _head(
             figure,
             title or str(capture.sidecar.get("name") or capture.path.stem),

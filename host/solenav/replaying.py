@@ -143,7 +143,7 @@ def replay(
     capture: Capture,
     path: Path,
     *,
-    engine: str,
+    engine: str | None = None,
     pose_every: int = 1,
     snapshot_s: float = 10.0,
     progress: Callable[[int], None] = lambda done: None,
@@ -161,7 +161,7 @@ def replay(
         for order, changed in capture.params[1:]
     }
     samples = samples_of(capture)
-    runner = engines.create(engine, params)
+    runner = engines.create(engine or engines.default_name(), params)
     rows = samples.words
     every = round(snapshot_s * capture.rate_hz())
     pen = _Pen()

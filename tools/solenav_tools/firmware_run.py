@@ -40,7 +40,7 @@ def run(
     source: Capture,
     output: Path,
     *,
-    pose_every: int,
+    pose_every: int = 1,
     progress: Callable[[int], None] = lambda done: None,
 ) -> None:
     """Record what the firmware sends over all of the capture's samples.

@@ -217,11 +217,12 @@ class _Fragments:
         return bytes(self.data) if len(self.data) == part["total"] else None
 
 
-def load(path: Path) -> Capture:
+def load(path: Path | str) -> Capture:
     """Read a capture. SolenavError where it is missing, empty or no capture.
 
     Damage inside (bad frames, a cut-off end) is counted, never an error: what is readable stays.
     """
+    path = Path(path)
     reader = FrameReader()
     payloads = {kind: bytearray() for kind in _TABLES}
     ticks: dict[int, list[int]] = {kind: [] for kind in _TABLES}

@@ -36,7 +36,7 @@ FORMATS = {
 }
 
 
-def export(capture: Path, format: str, output: Path) -> Written:
+def export(capture: Path | str, format: str, output: Path | str) -> Written:
     """Write the capture at a path in a format: a file, or a folder of tables.
 
     SolenavError for an unknown format, a capture that can't be read, one without what the format
@@ -44,13 +44,13 @@ def export(capture: Path, format: str, output: Path) -> Written:
     """
     if format not in FORMATS:
         raise SolenavError(f"unknown format {format!r}", f"choose one of {', '.join(FORMATS)}")
-    chosen = FORMATS[format]
+    chosen, output = FORMATS[format], Path(output)
     if chosen.suffix and output.suffix != chosen.suffix:
         raise SolenavError(
             f"{output} should end in {chosen.suffix}",
             f"name it {output.with_suffix(chosen.suffix)}",
         )
-    source = open_capture(capture)
+    source = open_capture(Path(capture))
     try:
         if not chosen.suffix:
             output.mkdir(parents=True, exist_ok=True)
