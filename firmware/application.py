@@ -11,6 +11,7 @@ from blackbox import BlackBox
 from bus import FAST, SLOW, Bus
 from checkpoint import Checkpoint
 from download import Download
+from injection import Injection
 from link import Link
 from mpu9150 import Mpu9150, SensorError
 from sampler import Sampler
@@ -32,6 +33,7 @@ _RESUMED = _AT["RESUMED"]
 _STEPS = _AT["STEPS"]
 _FLAGS = offsets(SAMPLE_FIELDS)["FLAGS"]
 _RATE = NAMES.index("RATE_MHZ")
+_OF_RUNS = messages.ASK_START, messages.ASK_STOP
 _BRIDGE = NAMES.index("BRIDGE_TICKS")
 
 
@@ -94,6 +96,13 @@ class Application:
             messages.ASK_BUS_TEST: self.test_bus,
         }
         self.commands.update(self.download.commands)
+        self.lent = False
+        # fmt: off
+        self.injection = Injection(
+            self.link, self.state, self.params, self.work, self.lend, self.take_back
+        )
+        # fmt: on
+        self.commands.update(self.injection.commands)
 
     def run(self):
         """For ever."""
@@ -114,6 +123,8 @@ class Application:
                 waiting = self.take()
             elif ticks_diff(ticks_ms(), self.beat) >= 1000:
                 self.rest()
+                if self.injection.watch():
+                    self.log(_WARNING, "the host that injected samples fell silent")
             self.link.pump()
             if not (waiting or self.spare(tick)):
                 machine.idle()
@@ -306,7 +317,7 @@ class Application:
         """Carry out a command, then acknowledge it."""
         action = self.commands.get(command)
         result = messages.UNKNOWN
-        if self.failed_test and command in (messages.ASK_START, messages.ASK_STOP):
+        if command in _OF_RUNS and (self.failed_test or self.injection.active):
             result = messages.REFUSED
         elif action:
             try:
@@ -314,7 +325,8 @@ class Application:
             except SensorError as error:
                 self.fail(error)
                 result = messages.REFUSED
-        self.link.acknowledge(result, self.state[_TICK])
+        if result != messages.UNANSWERED:
+            self.link.acknowledge(result, self.state[_TICK])
 
     def announce(self):
         tick = self.state[_TICK]
@@ -349,6 +361,29 @@ class Application:
             self.sampler.stop()
         except SensorError as error:
             self.log(_WARNING, str(error))
+
+    def lend(self):
+        """The core is a host's for a while; nothing is sampled meanwhile."""
+        self.lent = self.wanted
+        self.wanted = False
+        self.mode = messages.IDLE
+        self.beat = ticks_ms()
+        try:
+            self.sampler.stop()
+        except SensorError as error:
+            self.log(_WARNING, str(error))
+
+    def take_back(self):
+        """Go on with the board's own run, as after a hole in its samples."""
+        self.wanted = self.lent
+        if self.failed_test:
+            return
+        try:
+            self.wake(False)
+        except SensorError as error:
+            self.fail(error)
+        if self.state[_MODE]:
+            self.break_off()
 
     def test_bus(self):
         """How well the sensor's bus carries a clock; only while nobody needs its samples."""

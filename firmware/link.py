@@ -32,6 +32,7 @@ class Link:
         self.damaged = 0
         self.refused = 0
         self.command = bytearray(_COMMAND_MAX)
+        self.unlimited = 0  # the type of commands that cost no credit: their sender waits
         self._uart = uart
         self._seq = 0
         self._chunk = bytearray(_TURN_MAX)
@@ -102,7 +103,7 @@ class Link:
                 self._length = 0
                 if kind < 0:
                     self.damaged += 1
-                elif not self._affordable():
+                elif kind != self.unlimited and not self._affordable():
                     self.refused += 1
                 elif kind == self._last_kind and self.command[1] == self._last_seq:
                     self.acknowledge(REPEATED, tick)

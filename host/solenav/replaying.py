@@ -139,6 +139,14 @@ def finish(path: Path, notes: dict[str, Any], truth: Truth | None) -> None:
         write_truth(path, truth)
 
 
+def parameter_changes(capture: Capture) -> dict[int, array[int]]:
+    """The parameters that hold from a row of the samples on, where they changed on the way."""
+    return {
+        int(np.searchsorted(capture.samples.order, order)): changed
+        for order, changed in capture.params[1:]
+    }
+
+
 def replay(
     capture: Capture,
     path: Path,
@@ -156,10 +164,7 @@ def replay(
     """
     capture.need_samples()
     params = capture.params[0][1][:]
-    changes = {
-        int(np.searchsorted(capture.samples.order, order)): changed
-        for order, changed in capture.params[1:]
-    }
+    changes = parameter_changes(capture)
     samples = samples_of(capture)
     runner = engines.create(engine or engines.default_name(), params)
     rows = samples.words

@@ -27,6 +27,7 @@ FILE = 0x0B
 FILE_DATA = 0x0C
 FILE_CHECK = 0x0D
 BUS_TEST = 0x0E
+INJECTED = 0x0F
 
 ASK_HELLO = 0x40
 ASK_START = 0x41
@@ -38,6 +39,9 @@ ASK_DATA = 0x46
 ASK_CHECK = 0x47
 ASK_ERASE = 0x48
 ASK_BUS_TEST = 0x49
+ASK_INJECT = 0x4A
+ASK_PARAM = 0x4B
+INJECT = 0x4C
 
 # SAMPLE flags
 CLIPPED_ACC = 1
@@ -63,6 +67,7 @@ IDLE, ALIGNING, RUNNING, FAULT, RESUMING = 0, 1, 2, 3, 4
 
 # ACK results
 DONE, REPEATED, UNKNOWN, REFUSED = 0, 1, 2, 3
+UNANSWERED = -1  # on the board: another message is the answer
 
 NOT_TESTED = 128  # HELLO's sensor_test
 
@@ -282,6 +287,12 @@ MESSAGES = (
             ("errors", "H", 1, "", "of them failed or gave another value"),
         ),
     ),
+    (
+        INJECTED,
+        "INJECTED",
+        "after each INJECT; its tick is the last one that the core ran",
+        (("digest", "I", 1, "", "CRC-32 of the state"),),
+    ),
     (ASK_HELLO, "ASK_HELLO", "command: send HELLO and PARAMS", ()),
     (ASK_START, "ASK_START", "command: start afresh with a static start", ()),
     (ASK_STOP, "ASK_STOP", "command: stop sampling", ()),
@@ -331,6 +342,30 @@ MESSAGES = (
         (
             ("khz", "H", 1, "kHz", "clock, 100 or 400"),
             ("reads", "H", 1, "", "how often, at most 500; it ends after 20 errors"),
+        ),
+    ),
+    (
+        ASK_INJECT,
+        "ASK_INJECT",
+        "command: a fresh run on samples of INJECT, or the end of it; silence for 5 s ends it, too",
+        (("begin", "B", 1, "", "1 begin, 0 end"),),
+    ),
+    (
+        ASK_PARAM,
+        "ASK_PARAM",
+        "command: a parameter of the injected run; holds from its next tick on",
+        (
+            ("index", "H", 1, "", "in the core's list"),
+            ("value", "i", 1, "", "within the core's limits"),
+        ),
+    ),
+    (
+        INJECT,
+        "INJECT",
+        "command: one sample; answered by INJECTED and not by ACK",
+        (
+            ("before", "I", 1, "", "ticks of the run before this sample; another is left out"),
+            ("sample", "h", 10, "", "the core's words: force, rate, field, flags and lost"),
         ),
     ),
 )

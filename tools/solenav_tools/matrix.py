@@ -299,7 +299,7 @@ class Matrix:
                 backend.state_after(run, wrong + 1, params)
                 for backend in (self._backends[name], self._reference)
             ]
-            outcome.difference = _difference(run, wrong + 1, *states)
+            outcome.difference = state_difference(run.name, wrong + 1, *states)
             if outcome.difference is None:
                 # Equal the second time, so that it is the engine that is not to be relied on.
                 d = Difference(run.name, wrong + 1, "state", "digest", ours[wrong], right[wrong])
@@ -312,7 +312,9 @@ def _after(offset: int, progress: Progress) -> Progress:
     return lambda done: progress(offset + done)
 
 
-def _difference(run: Run, tick: int, state: array[int], reference: array[int]) -> Difference | None:
+def state_difference(
+    name: str, tick: int, state: Sequence[int], reference: Sequence[int]
+) -> Difference | None:
     """The words in which two states differ; None where they don't."""
     wrong = [i for i, (a, b) in enumerate(zip(state, reference, strict=True)) if a != b]
     if not wrong:
@@ -321,7 +323,7 @@ def _difference(run: Run, tick: int, state: array[int], reference: array[int]) -
     first = wrong[0]
     also = [name for _stage, name in names[1:]]
     stage, label = names[0]
-    return Difference(run.name, tick, stage, label, state[first], reference[first], also)
+    return Difference(name, tick, stage, label, state[first], reference[first], also)
 
 
 def run(

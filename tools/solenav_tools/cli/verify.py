@@ -7,8 +7,12 @@ from typing import Annotated
 import typer
 
 from solenav import capture, engines, verification
+from solenav.errors import SolenavError
+from solenav_tools.cli.arguments import Baud
 from solenav_tools.cli.output import CaptureFile, Json, progress, say, say_json, warn
 from solenav_tools.cli.replay import EngineName
+from solenav_tools.injection import inject
+from solenav_tools.ports import PortVanished, known_names, open_port
 
 
 def verify(
@@ -16,14 +20,29 @@ def verify(
     engine: Annotated[
         EngineName | None, typer.Option(help="Default: fast where numba is installed, else pure.")
     ] = None,
+    device: Annotated[
+        str | None,
+        typer.Option(
+            "--device",
+            help="Port of a live board: its processor runs the samples instead.",
+            autocompletion=lambda: known_names(),
+        ),
+    ] = None,
+    baud: Baud = None,
     as_json: Json = False,
 ) -> None:
     """Rebuild a run from its samples and compare every pose, step, snapshot and digest.
+
+    With --device the samples go into a live board, and its state after each of them is compared
+    with the host's; its own run goes on afterwards, as after a hole.
 
     Exit code 0: every compared tick is equal. 1: the first difference. 2: can't be compared.
     """
     source = capture.load(file)
     name = engine.value if engine else engines.default_name()
+    if device is not None:
+        _on_device(source, device, baud, name, as_json)
+        return
     with progress(f"verifying on {name}", len(source.samples)) as done:
         report = verification.verify(source, name, done)
     if as_json:
@@ -34,6 +53,39 @@ def verify(
         warn(f"{sum(source.damaged.values())} damaged frames were left out")
     if not report.verified:
         raise typer.Exit(1 if report.difference else 2)
+
+
+def _on_device(
+    source: capture.Capture, device: str, baud: int | None, engine: str, as_json: bool
+) -> None:
+    with open_port(device, baud) as port:
+        try:
+            with progress(f"running on {device}", len(source.samples)) as done:
+                report = inject(port, source, engine, done)
+        except PortVanished:
+            raise SolenavError(
+                f"{device} vanished in the middle",
+                "plug it in and start again; the board goes on with its own run within 5 s",
+                1,
+            ) from None
+    if as_json:
+        say_json(report.as_dict())
+    elif report.verified:
+        speed = report.samples / max(source.rate_hz(), 1e-9) / max(report.seconds, 1e-9)
+        say(
+            f"VERIFIED on {report.board}: {report.ticks} ticks, each equal to {report.engine}; "
+            f"{speed:.1f} times real time, {report.resent} samples sent again"
+        )
+    else:
+        d = report.difference
+        assert d is not None
+        say(
+            f"DIFFERENT at tick {d.tick}, stage {d.stage}, field {d.field}: "
+            f"{report.board} {d.value}, {report.engine} {d.reference}"
+        )
+        say(f"  equal before that: {report.ticks} ticks")
+    if not report.verified:
+        raise typer.Exit(1)
 
 
 def _tell(report: verification.Report) -> None:

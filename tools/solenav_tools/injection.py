@@ -1,0 +1,261 @@
+"""A capture's samples through a live board: `solenav verify CAPTURE --device PORT`.
+
+Each sample is a command; the board runs its core on it and answers with the digest of its whole
+state, which is compared with the host's. A few are under way at a time, as many as the board's
+receive buffer holds.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from array import array
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import serial
+
+from solenav import engines, replaying
+from solenav.capture import Capture
+from solenav.errors import SolenavError
+from solenav.link import Frame, FrameReader, command, unpack
+from solenav_core import messages
+from solenav_tools.matrix import Difference, state_difference
+from solenav_tools.ports import read_some, send
+from solenav_tools.recorder import Asker
+
+_WINDOW = 4  # commands of 36 bytes: the board's receive buffer has 256
+_PATIENCE_S = 1.0
+_TRIES = 10
+
+
+@dataclasses.dataclass
+class DeviceReport:
+    """What the board made of the samples."""
+
+    board: str
+    engine: str
+    samples: int
+    ticks: int = 0  # compared, one by one
+    seconds: float = 0.0
+    resent: int = 0  # samples sent again because something was lost on the way
+    difference: Difference | None = None
+
+    @property
+    def verified(self) -> bool:
+        return self.difference is None and self.ticks == self.samples > 0
+
+    def as_dict(self) -> dict[str, Any]:
+        return {"verified": self.verified, **dataclasses.asdict(self)}
+
+
+def inject(
+    port: serial.Serial,
+    capture: Capture,
+    engine: str | None = None,
+    progress: Callable[[int], None] = lambda done: None,
+) -> DeviceReport:
+    """All of a capture's samples, as one run from a fresh start, on a board and on the host.
+
+    SolenavError without samples, for a board of another schema, one that doesn't answer or
+    refuses; PortVanished. The board goes on with its own run in any case: by itself after 5 s.
+    """
+    capture.need_samples()
+    session = _Session(port)
+    hello = session.hello()
+    name = engine or engines.default_name()
+    report = DeviceReport(
+        hello["text"].decode("utf-8", "replace"), name, samples=len(capture.samples)
+    )
+    session.asked(messages.ASK_INJECT, 1)
+    began = time.monotonic()
+    try:
+        _run(session, capture, report, progress)
+    except SolenavError:
+        # It may have been restarted, or hear nothing: then its own patience ends it.
+        session.leave()
+        raise
+    report.seconds = round(time.monotonic() - began, 3)
+    session.asked(messages.ASK_INJECT, 0)
+    return report
+
+
+def _run(
+    session: _Session, capture: Capture, report: DeviceReport, progress: Callable[[int], None]
+) -> None:
+    words = replaying.samples_of(capture).words
+    params = capture.params[0][1][:]
+    changes = replaying.parameter_changes(capture)
+    core = engines.create(report.engine, params)
+    held = session.params
+    stops = sorted({0, *changes, len(words)})
+    for start, stop in pairwise(stops):
+        if start in changes:
+            params[:] = changes[start]
+        for index, (there, wanted) in enumerate(zip(held, params, strict=True)):
+            if there != wanted:
+                session.asked(messages.ASK_PARAM, index, wanted)
+        held = params[:]
+        sent = start
+        due = time.monotonic() + _PATIENCE_S
+        tries = 0
+        while report.ticks < stop:
+            while sent < min(stop, report.ticks + _WINDOW):
+                session.put(sent, words[sent].tolist())
+                sent += 1
+            answer = session.next()
+            if answer is None:
+                if time.monotonic() >= due:
+                    # Something was lost on the way: again from the last one that was answered.
+                    tries += 1
+                    if tries > _TRIES:
+                        raise SolenavError(
+                            f"the board stopped answering after {report.ticks} samples",
+                            "look at the link with `solenav doctor`, and start again",
+                            1,
+                        )
+                    report.resent += sent - report.ticks
+                    sent = report.ticks
+                    due = time.monotonic() + _PATIENCE_S
+                continue
+            tick, digest = answer
+            if tick <= report.ticks:
+                continue
+            if tick > sent:
+                raise SolenavError(
+                    f"the board is at tick {tick}, and {sent} samples were sent",
+                    "somebody else injects: use one host at a time",
+                )
+            core.advance(words, report.ticks, tick)
+            if core.digest() != digest:
+                report.difference = session.difference(tick, core.state) or Difference(
+                    "", tick, "state", "digest", digest, core.digest()
+                )
+                return
+            report.ticks = tick
+            tries, due = 0, time.monotonic() + _PATIENCE_S
+            progress(tick)
+
+
+class _Session:
+    """The conversation with the board."""
+
+    def __init__(self, port: serial.Serial) -> None:
+        self.params: array[int] = array("i")
+        self._port = port
+        self._asker = Asker(port)
+        self._reader = FrameReader()
+        self._waiting: list[Frame] = []
+        self._seq = 0
+
+    def hello(self) -> dict[str, Any]:
+        """Who is there, and its parameters. SolenavError where nobody is, or another schema."""
+        data = b""
+        hello: dict[str, Any] = {}
+        for _try in range(_TRIES):
+            self._asker.ask(messages.ASK_HELLO)
+            end = time.monotonic() + _PATIENCE_S
+            while time.monotonic() < end:
+                for frame in self._frames():
+                    fields = unpack(frame)
+                    if frame.kind == messages.HELLO:
+                        hello = fields
+                        if hello["schema"] != messages.SCHEMA:
+                            raise SolenavError(
+                                f"firmware and host differ (schema {hello['schema']:04x})",
+                                "solenav flash, or the host version that goes with the firmware",
+                            )
+                    elif frame.kind == messages.PARAMS:
+                        data = b"" if fields["offset"] == 0 else data
+                        if fields["offset"] == len(data):
+                            data += fields["data"]
+                    if hello and len(data) == 4 * len(messages.NAMES):
+                        self.params = array("i", data)
+                        return hello
+        raise SolenavError(
+            f"no solenav board answers at {self._port.port}",
+            "check that it is the UART's port, and the baud rate",
+            1,
+        )
+
+    def asked(self, kind: int, *values: int) -> None:
+        """A command, carried out. SolenavError where it is refused or not heard."""
+        for _try in range(_TRIES):
+            seq = self._asker.ask(kind, *values)
+            end = time.monotonic() + _PATIENCE_S
+            while time.monotonic() < end:
+                for frame in self._frames():
+                    if frame.kind != messages.ACK:
+                        continue
+                    fields = unpack(frame)
+                    if (fields["command"], fields["command_seq"]) != (kind, seq):
+                        continue
+                    if fields["result"] in (messages.DONE, messages.REPEATED):
+                        return
+                    raise SolenavError(
+                        f"the board refuses {_what(kind, values)}",
+                        "flash the firmware that goes with this host version",
+                        1,
+                    )
+        raise SolenavError(
+            f"the board doesn't answer to {_what(kind, values)}", "look at the link", 1
+        )
+
+    def leave(self) -> None:
+        """Ask for the end, without waiting for it."""
+        self._asker.ask(messages.ASK_INJECT, 0)
+
+    def put(self, before: int, sample: list[int]) -> None:
+        """One sample on its way."""
+        self._seq = (self._seq + 1) & 255
+        send(self._port, command(messages.INJECT, self._seq, before, *sample))
+
+    def next(self) -> tuple[int, int] | None:
+        """Tick and digest of the next INJECTED; None where none is there yet."""
+        if not self._waiting:
+            self._waiting = [
+                f for f in self._frames() if f.kind in (messages.INJECTED, messages.ACK)
+            ]
+        while self._waiting:
+            frame = self._waiting.pop(0)
+            fields = unpack(frame)
+            if frame.kind == messages.INJECTED:
+                return frame.tick, fields["digest"]
+            if fields["command"] == messages.INJECT and fields["result"] == messages.REFUSED:
+                raise SolenavError(
+                    "the board refuses samples: its parameters are at odds, or it was restarted",
+                    "look at `solenav info` for the capture's parameters, and start again",
+                    1,
+                )
+        return None
+
+    def difference(self, tick: int, state: Any) -> Difference | None:
+        """The first word in which the board's state differs from the host's.
+
+        None where the board doesn't show its state, or has gone on since.
+        """
+        data = b""
+        self._asker.ask(messages.ASK_SNAPSHOT)
+        end = time.monotonic() + 3 * _PATIENCE_S
+        while time.monotonic() < end:
+            for frame in self._frames():
+                if frame.kind != messages.SNAPSHOT:
+                    continue
+                fields = unpack(frame)
+                data = b"" if fields["offset"] == 0 else data
+                data += fields["data"]
+                if len(data) == fields["total"]:
+                    found = state_difference("", frame.tick, array("i", data), state)
+                    if found is not None and frame.tick == tick:
+                        return found
+        return None
+
+    def _frames(self) -> list[Frame]:
+        return [f for f in self._reader.feed(read_some(self._port)) if isinstance(f, Frame)]
+
+
+def _what(kind: int, values: tuple[int, ...]) -> str:
+    if kind == messages.ASK_PARAM:
+        return f"parameter {messages.NAMES[values[0]]} = {values[1]}"
+    return "injected samples"
