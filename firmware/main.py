@@ -26,7 +26,7 @@ def main():
     failed_test = self_test()
     # What importing leaves behind is collected before it tears the heap apart.
     gc.collect()
-    gc.threshold(8192)
+    gc.threshold(24576)
     import config
     from application import Application
 

@@ -15,6 +15,7 @@ from solenav_tools.cli import (
     calibrate,
     compare,
     download,
+    emulate,
     evaluate,
     import_recording,
     info,
@@ -41,6 +42,7 @@ app.command("simulate")(simulate.simulate)
 app.command("import")(import_recording.import_recording)
 app.command("replay")(replay.replay)
 app.command("run-firmware")(run_firmware.run_firmware)
+app.command("emulate")(emulate.emulate)
 app.command("record")(record.record)
 app.command("monitor")(monitor.monitor)
 app.command("download")(download.download)

@@ -31,6 +31,8 @@ _TXFE, _RXFF, _TXFF, _RXFE, _BUSY = 1 << 7, 1 << 6, 1 << 5, 1 << 4, 1 << 3
 _RT, _TX, _RX = 1 << 6, 1 << 5, 1 << 4
 _OVERRUN = 1 << 11  # in what is read from UARTDR
 
+_QUEUE_MAX = 4096  # bytes for the console before its sender should wait
+
 _RESETS_I2C0, _RESETS_UART0 = 3, 22  # bits of RESETS.RESET
 
 
@@ -233,8 +235,13 @@ class Console:
         cdc.usb.on_endpoint_read = self._offered
         cdc.on_serial_data = self._said
         cdc.on_device_connected = self._came
-        forget: Any = cdc.usb.on_reset
-        cdc.usb.on_reset = lambda: (self._left(), forget())  # type: ignore[assignment]
+        self._forget: Any = cdc.usb.on_reset
+        cdc.usb.on_reset = self._left
+
+    @property
+    def full(self) -> bool:
+        """Whether the guest has yet to take what was written."""
+        return len(self._queue) > _QUEUE_MAX
 
     def write(self, data: bytes) -> None:
         """Send; what there is no room for now goes with the next offers."""
@@ -269,6 +276,7 @@ class Console:
         self.connected = False
         self._offer = 0
         self._queue.clear()
+        self._forget()
 
 
 def refuse(i2c: RPI2C) -> None:
@@ -309,4 +317,4 @@ def follow_resets(rp2040: RP2040, changed: Callable[[], None]) -> None:
         if begun >> _RESETS_UART0 & 1:
             rp2040.uart[0].reset()
 
-    rp2040.resets.write_uint32 = written  # type: ignore[method-assign]
+    rp2040.resets.write_uint32 = written
