@@ -17,12 +17,11 @@ from mpu9150 import Mpu9150, SensorError
 from sampler import Sampler
 from supervisor import Clock, Trust, Watchdog
 
-from solenav_core import messages, navigator, selftest
+from solenav_core import messages, navigator
 from solenav_core.framing import HEADER
 from solenav_core.layout import SAMPLE_FIELDS, STATE_FIELDS, offsets
 from solenav_core.params import NAMES
 from solenav_core.tables.lookup import TABLES
-from solenav_core.tables.selftest import EXPECTED
 
 _INFO, _WARNING, _ERROR = 0, 1, 2
 _CHECKS = 20  # of the sensor's settings, in a second: 1 ms each, of the bus and of the processor
@@ -40,10 +39,11 @@ _BRIDGE = NAMES.index("BRIDGE_TICKS")
 class Application:
     """Everything between the board's pins and the core.
 
-    `settings`, `params`, `problems` are what `config.load` returned.
+    `settings`, `params`, `problems` are what `config.load` returned. `failed_test`: place and name
+    of the core's self-test that failed on this machine; (0, "") for none.
     """
 
-    def __init__(self, board, settings, params, problems):
+    def __init__(self, board, settings, params, problems, failed_test=(0, "")):
         rate = params[_RATE]
         self.settings = settings
         self.board = board
@@ -86,7 +86,7 @@ class Application:
         self.unsaved = False  # the last checkpoint could not be written
         self.worst = 0
         self.complaint = ""
-        self.failed_test = selftest.first_failure(EXPECTED)
+        self.failed_test, self.failed_name = failed_test
         self.beat = ticks_ms()
         self.commands = {
             messages.ASK_HELLO: self.announce,
@@ -278,8 +278,10 @@ class Application:
         """This machine computes the core wrongly: no pose is better than a wrong one."""
         self.wanted = False
         self.mode = messages.FAULT
-        name = selftest.TESTS[self.failed_test - 1][0]
-        self.log(_ERROR, "self-test %s failed: not navigating; flash the firmware anew" % name)
+        self.log(
+            _ERROR,
+            "self-test %s failed: not navigating; flash the firmware anew" % self.failed_name,
+        )
 
     def fail(self, error):
         """The sensor is out: say so once, and go on trying."""

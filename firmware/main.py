@@ -1,16 +1,41 @@
 """Boot: configuration, board, application. A crash is told over the link, then on the REPL."""
 
+import gc
 import sys
 
-import config
-from application import Application
+import solenav_core
+
+
+def self_test():
+    """Place and name of the first self-test of the core that fails here; (0, "") for none.
+
+    First of all, while the heap is whole; the tests don't stay in it.
+    """
+    from solenav_core import selftest
+    from solenav_core.tables.selftest import EXPECTED
+
+    failed = selftest.first_failure(EXPECTED)
+    name = selftest.TESTS[failed - 1][0] if failed else ""
+    for module in ("solenav_core.selftest", "solenav_core.tables.selftest"):
+        del sys.modules[module]
+    del solenav_core.selftest
+    return failed, name
 
 
 def main():
+    failed_test = self_test()
+    # What importing leaves behind is collected before it tears the heap apart.
+    gc.collect()
+    gc.threshold(24576)
+    import config
+    from application import Application
+
+    gc.threshold(-1)
+    gc.collect()
     settings, params, problems = config.load()
     __import__(settings["board"])
     board = sys.modules[settings["board"]].open()
-    application = Application(board, settings, params, problems)
+    application = Application(board, settings, params, problems, failed_test)
     try:
         application.run()
     except Exception as error:

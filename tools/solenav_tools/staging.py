@@ -71,18 +71,22 @@ def stage(folder: Path, config: Mapping[str, Any]) -> None:
 
 
 def stage_board(folder: Path, march: str) -> None:
-    """Put what a real board runs into `folder`: firmware as source, the core compiled.
+    """Put what a real board runs into `folder`, all but main.py compiled by mpy-cross.
 
-    The core goes as its device form through mpy-cross for `march` (armv6m: Raspberry Pi Pico).
-    SolenavError where mpy-cross is missing or refuses.
+    Compiling on the board would take seconds of each boot and more heap than a Pico has. The core
+    goes as its device form. `march`: armv6m for the Raspberry Pi Pico. SolenavError where
+    mpy-cross is missing or refuses.
     """
+    modules = {f"solenav_core/{name}": text for name, text in device_form.modules().items()}
     for name, path in _files():
-        if not name.startswith("solenav_core/"):
+        if name == "main.py":  # MicroPython looks for it by this name
             _write(folder / name, path.read_text(encoding="utf-8"))
-    for name, text in device_form.modules().items():
-        target = folder / "solenav_core" / Path(name).with_suffix(".mpy")
+        elif not name.startswith("solenav_core/"):
+            modules[name] = path.read_text(encoding="utf-8")
+    for name, text in modules.items():
+        target = (folder / name).with_suffix(".mpy")
         target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(compiled(Path(name).stem, text, march))
+        target.write_bytes(compiled(name.removesuffix(".py"), text, march))
     _write(folder / "build.json", json.dumps({"hash": build_hash(), "version": _version()}))
 
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from solenav.engines.source import MODULES, constants, core_path, is_viper
+from solenav_core import messages, params
 
 INLINE = {
     "qmath": ("mulshift", "mulsat", "clamp", "isqrt", "div"),
@@ -274,9 +275,44 @@ def modules(core: Path | None = None) -> dict[str, str]:
     """Every file of the core in folder `core` by its path inside the package, in device form."""
     folder = core or core_path()
     helpers = _helpers(folder)
-    return {
+    texts = {
         path.relative_to(folder).as_posix(): _expanded_module(
             path.read_text(encoding="utf-8"), helpers
         )
         for path in sorted(folder.rglob("*.py"))
     }
+    return {name: _without_notes(name, text) for name, text in texts.items()}
+
+
+def _without_notes(name: str, text: str) -> str:
+    """A module without what only people read; its lists' results in place of the lists."""
+    if name not in ("layout.py", "params.py", "messages.py"):
+        return text
+    tree = ast.parse(text)
+    results: dict[str, object] = {}
+    if name == "params.py":
+        results = {"PARAM_FIELDS": None, "NAMES": params.NAMES}
+    elif name == "messages.py":
+        results = {"MESSAGES": None, "form": None, "schema_hash": None}
+        results |= {key: getattr(messages, key) for key in ("FORMATS", "SIZES", "SCHEMA")}
+    body: list[ast.stmt] = []
+    for node in tree.body:
+        named = getattr(node, "name", None)
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+            named = node.targets[0].id
+            if name == "layout.py" and named.endswith("_FIELDS"):
+                _keep_sizes(node.value)
+            elif results.get(named) is not None:
+                node.value = ast.parse(repr(results[named]), mode="eval").body
+        if named not in results or results[named] is not None:
+            body.append(node)
+    tree.body = body
+    return ast.unparse(tree) + "\n"
+
+
+def _keep_sizes(fields: ast.expr) -> None:
+    """Of the fields of a layout (name, words, stage, format) keep name and words."""
+    assert isinstance(fields, ast.Tuple)
+    for field in fields.elts:
+        assert isinstance(field, ast.Tuple)
+        field.elts[2:] = [ast.Constant(""), ast.Constant("")]

@@ -26,6 +26,7 @@ from solenav_tools.cli import (
     compare,
     doctor,
     download,
+    emulate,
     evaluate,
     export,
     flash,
@@ -94,6 +95,7 @@ app.command("import")(import_recording.import_recording)
 app.command("replay")(replay.replay)
 app.command("run-firmware")(run_firmware.run_firmware)
 app.command("flash")(flash.flash)
+app.command("emulate")(emulate.emulate)
 app.command("record")(record.record)
 app.command("monitor")(monitor.monitor)
 app.command("doctor")(doctor.doctor)

@@ -17,6 +17,7 @@ except ImportError:  # MicroPython: annotations are never evaluated there
 
 _EIO = 5
 _ETIMEDOUT = 110
+_LONG = 14  # bytes of a read in which noise is looked for, where its length isn't known
 
 
 def randoms(seed: int) -> Callable[[], int]:
@@ -58,6 +59,8 @@ class Bus:
         self._transfers = 0
         self._every = 0
         self._random: Callable[[], int] | None = None
+        self._at = 0  # bytes of the transfer so far, where they come one by one
+        self._spoiled = -1  # bytes until the one that noise hits
 
     @property
     def sda_level(self) -> int:
@@ -113,6 +116,46 @@ class Bus:
         if self.written:
             self.written()
 
+    def select(self, address: int, reading: bool) -> bool:
+        """For a controller that works byte by byte and passes the time itself: an address.
+
+        False where nobody acknowledges. Then `give` and `take`, and `end`.
+        """
+        self._at = 0
+        if self._every:
+            self._transfers += 1
+            if self._transfers % self._every == 0:
+                self._spoiled = self._random() % _LONG
+        if self.nack and self._refused(self.nack):
+            return False
+        return bool(self.sensor and self.sensor.connect(address, reading))
+
+    def give(self, value: int) -> None:
+        """A byte to the device."""
+        first = self._at == 0
+        self._at += 1
+        if not first:
+            value = self._noisy(value)
+        self.sensor.write_byte(value)
+
+    def take(self) -> int:
+        """A byte from the device."""
+        self.reading = True
+        value = self.sensor.read_byte()
+        if self.flip and self._at == self.flip.get("byte", 0):
+            value ^= 1 << self.flip.get("bit", 0)
+            self._count_flip()
+        self._at += 1
+        return self._noisy(value)
+
+    def end(self) -> None:
+        """A stop condition."""
+        self.reading = False
+        if self.sensor:
+            self.sensor.stop()
+        if self.written:
+            self.written()
+
     def answers(self, address: int) -> bool:
         """Whether a device acknowledges."""
         try:
@@ -145,10 +188,20 @@ class Bus:
         fault = self.flip
         if fault.get("byte", 0) < len(buffer):
             buffer[fault.get("byte", 0)] ^= 1 << fault.get("bit", 0)
-            self._flipped += 1
-            if self._flipped >= fault.get("count", 1):
-                self.flip = None
-                self._flipped = 0
+            self._count_flip()
+
+    def _count_flip(self) -> None:
+        self._flipped += 1
+        if self._flipped >= self.flip.get("count", 1):
+            self.flip = None
+            self._flipped = 0
+
+    def _noisy(self, value: int) -> int:
+        """A byte, perhaps spoilt: the one that was chosen, of this transfer or of the next."""
+        if self._spoiled < 0:
+            return value
+        self._spoiled -= 1
+        return value ^ 1 << self._random() % 8 if self._spoiled < 0 else value
 
     def _spoil(self, buffer: bytearray, first: int) -> None:
         self._transfers += 1

@@ -114,6 +114,11 @@ def inject(line: "Line | None") -> None:
     _line = line
 
 
+def injected(room: int) -> bytes:
+    """What a disturbed RX line has delivered since the last call, up to `room` bytes."""
+    return _line.arrived(room) if _line else b""
+
+
 def cut_power(us: int) -> None:
     """The whole board loses its power, for so long."""
     global off_us
@@ -400,8 +405,7 @@ class UART:
 
     def any(self) -> int:
         """How many bytes have come in; of the host's no more than one is counted."""
-        if _line:
-            self._injected += _line.arrived(self._rxbuf - len(self._injected))
+        self._injected += injected(self._rxbuf - len(self._injected))
         return len(self._injected) or int(self.wait(0))
 
     def readinto(self, buffer: bytearray, length: int) -> int | None:

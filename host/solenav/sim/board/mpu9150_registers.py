@@ -154,6 +154,7 @@ class Mpu9150:
         self._selected = 0  # address of the device that the master talks to
         self._pointer = 0
         self._pointing = False  # the next byte written is a register number
+        self._shown: bytes | None = None  # measurements, while a burst that began before goes on
         self._answers_at = 0
         self._writable_at = 0
         self._reset()
@@ -260,6 +261,10 @@ class Mpu9150:
         if not self._runs:
             return False
         registers = self.registers
+        if self._selected:
+            # A burst returns one sample, also while the next one arrives.
+            if self._shown is None:
+                self._shown = bytes(registers[_DATA:_EXT_END])
         if not self.frozen:
             self._measure(values)
         status = _DATA_READY
@@ -278,7 +283,7 @@ class Mpu9150:
 
     def connect(self, address: int, reading: bool) -> bool:
         """A start condition with an address; False: nobody acknowledges."""
-        self._selected = 0
+        self.stop()
         if not self.powered or simtime.now() < self._answers_at:
             return False
         if address == self._address:
@@ -322,6 +327,8 @@ class Mpu9150:
         value = registers[at]
         if at == _INT_STATUS or registers[_INT_PIN_CFG] & _CLEAR_ON_ANY_READ:
             self._clear_status()
+        if self._shown is not None and _DATA <= at < _EXT_END:
+            return self._shown[at - _DATA]
         if at < _I2C_MST_STATUS:
             return value
         if at == _I2C_MST_STATUS:
@@ -343,6 +350,7 @@ class Mpu9150:
         n = len(buffer)
         plain = (
             self._selected == self._address
+            and self._shown is None
             and not self.registers[_INT_PIN_CFG] & _CLEAR_ON_ANY_READ
             and simtime.now() >= self._writable_at
         )
@@ -361,6 +369,7 @@ class Mpu9150:
     def stop(self) -> None:
         """A stop condition."""
         self._selected = 0
+        self._shown = None
 
     def _reset(self) -> None:
         if self.mends:

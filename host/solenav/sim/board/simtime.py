@@ -70,6 +70,11 @@ def at(time_us: int, event: Callable[[], None]) -> None:
     _next = _events[-1][0]
 
 
+def due() -> int:
+    """When the next event comes, in µs; later than any other time where there is none."""
+    return _next
+
+
 def wait(most_us: int) -> None:
     """Until the next event, or for `most_us`."""
     global _happened

@@ -1,0 +1,133 @@
+"""A walk on the emulated board: what its sensor measures, and a recording of what it sends."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solenav import parameters, replaying
+from solenav.capture import Capture, CaptureWriter
+from solenav.errors import SolenavError
+from solenav.recording import Recording
+from solenav.sim.scenario import simulate
+from solenav_tools.board import Samples
+from solenav_tools.emulator import image
+from solenav_tools.emulator.pico import EmulatedPico
+from solenav_tools.staging import stage_board
+
+MARCH = "armv6m"
+_STANDING_S = 2.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """`seconds` of emulated time, `console` what the program printed."""
+
+    seconds: float
+    console: str
+
+
+def walk_of(scenario: str, seconds: float | None = None, *, rate_hz: float = 200.0) -> Recording:
+    """A simulated scenario; of `seconds` from two seconds before the first step, if given.
+
+    Two seconds of standing are enough for the static start. SolenavError: no such scenario.
+    """
+    walk = simulate(scenario, rate_hz=rate_hz)
+    if seconds is None or walk.truth is None:
+        return walk
+    moving = ~np.asarray(walk.truth.stance)
+    first = max(0, int(moving.argmax()) - round(_STANDING_S * rate_hz)) if moving.any() else 0
+    rows = slice(first, first + round(seconds * rate_hz))
+    truth = walk.truth
+    return replace(
+        walk,
+        time_s=walk.time_s[rows] - walk.time_s[first],
+        accel=walk.accel[rows],
+        gyro=walk.gyro[rows],
+        mag=None if walk.mag is None else walk.mag[rows],
+        truth=replace(
+            truth,
+            time_s=truth.time_s[rows] - walk.time_s[first],
+            position_enu=truth.position_enu[rows],
+            velocity_enu=None if truth.velocity_enu is None else truth.velocity_enu[rows],
+            stance=None if truth.stance is None else truth.stance[rows],
+            closed_loop=False,
+        ),
+    )
+
+
+def feed_of(source: Capture) -> Samples:
+    """What a sensor measures that plays the capture's samples. SolenavError where it has none."""
+    source.need_samples()
+    samples = replaying.samples_of(source)
+    mag = samples.mag if samples.mag.any() else None
+    return Samples(samples.time_us, samples.counts, samples.temperature, mag)
+
+
+def file_system(config: Mapping[str, Any]) -> bytes:
+    """An image of the firmware as `solenav flash` would put it on a Pico, with this config.json."""
+    with tempfile.TemporaryDirectory(prefix="solenav-stage-") as name:
+        folder = Path(name)
+        stage_board(folder, MARCH)
+        (folder / "config.json").write_text(json.dumps(dict(config)), encoding="utf-8")
+        return image.build(folder)
+
+
+def settings_for(source: Capture, pose_every: int) -> dict[str, Any]:
+    """The config.json for a capture: its parameters, poses so often."""
+    return {"params": parameters.named(source.params[0][1]), "pose_every": pose_every}
+
+
+def record(
+    uf2: Path,
+    source: Capture,
+    output: Path,
+    *,
+    pose_every: int,
+    config: Mapping[str, Any] | None = None,
+    sensor: str = "MPU-9150",
+    faults: Sequence[Mapping[str, Any]] = (),
+    progress: Callable[[int], None] = lambda ms: None,
+) -> Outcome:
+    """Record what the board sends over all of the capture's samples, as fast as it goes.
+
+    Arrival times are when the last bit of a frame left the board: two runs give the same file.
+    SolenavError where the firmware crashes; what it sent before is in the file.
+    """
+    files = file_system({**settings_for(source, pose_every), **(config or {})})
+    said = bytearray()
+    with (
+        EmulatedPico(uf2, files, feed_of(source), sensor=sensor, faults=faults) as pico,
+        CaptureWriter(output) as writer,
+    ):
+        frame = bytearray()
+
+        def sent(byte: int, ns: int) -> None:
+            frame.append(byte)
+            if not byte:
+                writer.write(ns * 1e-9, bytes(frame))
+                frame.clear()
+
+        def ended() -> bool:
+            progress(pico.ns // 1_000_000)
+            return pico.over or b">>> " in said
+
+        pico.on_uart = sent
+        pico.console.on_data = said.extend
+        pico.run(ended)
+        if frame:
+            writer.write(pico.ns * 1e-9, bytes(frame))
+        seconds = pico.ns * 1e-9
+    text = said.decode("utf-8", "replace")
+    if "Traceback" in text:
+        raise SolenavError(
+            f"the firmware on the emulated board ended:\n{text}", "report it with this text", 1
+        )
+    replaying.finish(output, {**source.sidecar, "board": "emulated"}, source.truth)
+    return Outcome(seconds, text)
