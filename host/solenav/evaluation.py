@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from solenav.capture.contents import Capture, Table
 from solenav.capture.order import POSITION_M, VELOCITY_MPS, counted, leaping
 from solenav.errors import SolenavError
+from solenav.pdr.track import StepTrack
 from solenav.recording import FloatArray, Truth
 
 ALIGNMENTS = ("auto", "none", "origin", "yaw")
@@ -194,6 +195,40 @@ def measure(run: Capture, truth: Truth | None) -> Evaluation:
             total_m=math.hypot(horizontal, up),
             horizontal_share=horizontal / distance if distance else None,
             meaningful=truth is not None and truth.closed_loop,
+        ),
+    )
+
+
+def evaluate_steps(walk: StepTrack, truth: Truth | None, *, align: str = "auto") -> Evaluation:
+    """The same of steps, a foot's or a waist's: places between steps are on straight lines.
+
+    `poses` counts the steps' ends. Errors and `align` as in `evaluate`.
+    """
+    if align not in ALIGNMENTS:
+        raise SolenavError(f"unknown alignment {align!r}", f"choose one of {', '.join(ALIGNMENTS)}")
+    time_s, position = walk.position_s, walk.position
+    east, north, up = (position[-1] - position[0]).tolist()
+    horizontal = math.hypot(east, north)
+    found = Evaluation(
+        steps=len(walk),
+        distance_m=walk.distance_m,
+        duration_s=float(time_s[-1] - time_s[0]),
+        poses=len(time_s),
+        closure=Closure(
+            horizontal_m=horizontal,
+            vertical_m=up,
+            total_m=math.hypot(horizontal, up),
+            horizontal_share=horizontal / walk.distance_m if walk.distance_m else None,
+            meaningful=truth is not None and truth.closed_loop,
+        ),
+    )
+    if truth is None or not len(truth.time_s):
+        return found
+    comparison = lay(time_s, position, np.zeros_like(position), truth, align, name=walk.name)
+    return replace(
+        found,
+        truth=replace(
+            _against_truth(truth, comparison, walk.distance_m), stance_velocity_rmse_mps=None
         ),
     )
 

@@ -19,6 +19,7 @@ from solenav import mpu9150, parameters
 from solenav.capture.contents import Capture
 from solenav.errors import SolenavError
 from solenav.evaluation import Comparison, Evaluation, compare, last_run, measure, rmse
+from solenav.pdr.track import StepTrack
 from solenav.recording import FloatArray, Truth
 from solenav_core import messages
 
@@ -98,6 +99,30 @@ def plot(capture: Capture, out: Path | str, *, title: str | None = None) -> None
             _caption(walk),
         )
         _draw(figure, walk)
+
+
+def plot_steps(walk: StepTrack, out: Path, *, truth: Truth | None = None) -> None:
+    """Draw steps, a foot's or a waist's, into a PNG: where each ended and how long it was.
+
+    `truth` is in the axes of the steps. Raises SolenavError as `plot` does.
+    """
+    where, lengths = walk.position, np.hypot(walk.displacement[:, 0], walk.displacement[:, 1])
+    with sheet(out, (10.0, 8.0)) as figure:
+        figure.set_layout_engine("constrained")
+        way, length = figure.subplots(2, 1, height_ratios=(4, 1))
+        way.plot(where[:, 0], where[:, 1], ".-", color=BLUE, linewidth=0.9, markersize=4)
+        way.plot(*where[0, :2], "o", color=GREY, label="start")
+        if truth is not None and len(truth.time_s):
+            _truth(way, truth.time_s, truth.position_enu[:, 0], truth.position_enu[:, 1])
+        way.set_aspect("equal", adjustable="datalim")
+        way.set_title(f"{walk.name}: {len(walk)} steps of the {walk.source}")
+        way.set_xlabel("x or East, m")
+        way.set_ylabel("y or North, m")
+        way.legend(ncols=2, **LEGEND)
+        length.plot(walk.time_s, lengths, ".", color=BLUE)
+        length.set_ylim(bottom=0)
+        length.set_ylabel("length, m")
+        length.set_xlabel("s")
 
 
 @contextmanager

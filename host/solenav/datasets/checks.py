@@ -166,7 +166,7 @@ def check_samples(
         )
     check_finite(np.column_stack([time_s, accel, gyro]), ("time", *AXES), place)
     check_increasing(time_s, place, repeats)
-    _check_gaps(time_s, place)
+    check_gaps(time_s, place)
     _check_units(accel, gyro, place)
 
 
@@ -266,7 +266,8 @@ def _checked_mag(mag: FloatArray, place: Place) -> FloatArray | None:
     return np.where(known[:, np.newaxis], mag, np.nan)
 
 
-def _check_gaps(time_s: FloatArray, place: Place) -> None:
+def check_gaps(time_s: FloatArray, place: Place) -> None:
+    """Raise SolenavError where more than GAP_LIMIT_S pass without a sample."""
     steps = np.diff(time_s)
     longest = int(np.argmax(steps))
     if steps[longest] > GAP_LIMIT_S:

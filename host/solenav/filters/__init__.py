@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from solenav.errors import SolenavError
-from solenav.filters import adaptive, apf, ekf, particle, reset
+from solenav.filters import adaptive, apf, coloured, ekf, particle, reset
 from solenav.filters.walk import Aids, Track, Walk
 
 __all__ = ["FILTERS", "Aids", "Filter", "Track", "Walk", "named"]
@@ -33,6 +33,7 @@ _ALL = (
     Filter("reset", "velocity to zero in stance", reset.reset),
     Filter("ekf", "error-state ZUPT EKF, 9 states", partial(ekf.run, states=9)),
     Filter("ekf15", "error-state ZUPT EKF, 15 states", partial(ekf.run, states=15)),
+    Filter("coloured", "9-state ZUPT EKF, AR(2) noise in stance", coloured.run, ("still",)),
     Filter("pf", "plain bootstrap particle filter, 100 particles, SIR", particle.bootstrap),
     Filter("apf-literal", "the paper's filter word for word, its table 1", particle.literal),
     Filter("kf-twin", "the core's logic on a Kalman filter per axis", adaptive.twin, ()),

@@ -32,8 +32,11 @@ from solenav_tools.cli import (
     flash,
     import_recording,
     info,
+    locate,
+    magmap,
     matrix,
     monitor,
+    pdr,
     plot,
     record,
     replay,
@@ -111,6 +114,9 @@ app.command("evaluate")(evaluate.evaluate)
 app.command("compare")(compare.compare)
 app.command("tune")(tune.tune)
 app.add_typer(calibrate.app, name="calibrate")
+app.command("pdr")(pdr.pdr)
+app.add_typer(magmap.app, name="magmap")
+app.command("locate")(locate.locate)
 
 
 def _quiet_first(arguments: list[str]) -> list[str]:

@@ -8,6 +8,7 @@ bus, and an alarm of the processor's clock stands for the next of its events.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +71,7 @@ class Wiring:
         self._world.switch_on()
         for number, pin in self._pins.items():
             pin.set_input_value(True)
-            pin.add_listener(lambda new, _old, number=number: self._driven(number, new))
+            pin.add_listener(partial(self._changed, number))
         self._ready.set_input_value(False)
         self._i2c.on_start = self._start
         self._i2c.on_connect = self._connect
@@ -130,6 +131,9 @@ class Wiring:
         self._ready.set_input_value(level)
 
     # SDA and SCL as pins of the program.
+
+    def _changed(self, number: int, new: Any, _old: Any) -> None:
+        self._driven(number, new)
 
     def _driven(self, number: int, state: GPIOPinState) -> None:
         bus = machine.bus

@@ -317,4 +317,4 @@ def follow_resets(rp2040: RP2040, changed: Callable[[], None]) -> None:
         if begun >> _RESETS_UART0 & 1:
             rp2040.uart[0].reset()
 
-    rp2040.resets.write_uint32 = written
+    rp2040.resets.write_uint32 = written  # type: ignore[method-assign]
