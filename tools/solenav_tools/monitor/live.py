@@ -20,7 +20,7 @@ _MODES = (
     "resuming: stand still",
 )
 STALE_S = 1.0
-RECENT = 4096
+RECENT = 6400
 """Poses that are kept as they came."""
 WAY = 4096
 """Points of the whole way that are kept; when they are more, every other one goes."""

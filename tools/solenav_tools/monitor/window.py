@@ -53,7 +53,7 @@ class Window:
         self.track.set(xlabel="East, m", ylabel="North, m")
         self.track.set_xlim(-5, 5)
         self.track.set_ylim(-5, 5)
-        self.track.set_aspect("equal", adjustable="datalim")
+        self.track.set_aspect("equal")
         self.track.grid(alpha=0.3)
         self.speed.set(ylabel="speed, m/s", xlim=(-RECENT_S, 0), ylim=(0, _SPEED_MAX))
         self.stance.set(ylabel="stance", ylim=(-0.5, len(watches) - 0.5))
@@ -72,7 +72,8 @@ class Window:
         self._title = self.track.text(
             0.01, 1.02, "", transform=self.track.transAxes, animated=True, clip_on=False
         )
-        figure.tight_layout()
+        # Above the track is a line for each wearer.
+        figure.tight_layout(rect=(0, 0, 1, 1 - 0.03 * len(watches)))
         figure.canvas.mpl_connect("draw_event", self._drawn)
         self._background: Any = None
         figure.canvas.draw()
