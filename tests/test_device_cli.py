@@ -242,7 +242,7 @@ def test_long_work_shows_a_progress_bar_on_a_terminal(ten: Path, tmp_path: Path)
 def test_record_rotates_and_each_file_is_proven_by_itself(ten: Path, tmp_path: Path) -> None:
     with served(ten) as port:
         done = solenav("record", port, "-o", tmp_path / "run.solcap", "--rotate", "90kB", "--json")
-    files = [Path(name) for name in json.loads(done.stdout)["captures"]]
+    files = [Path(name) for name in json.loads(done.stdout)["files"]]
     assert len(files) >= 3
     assert [path.name for path in files[:2]] == ["run-001.solcap", "run-002.solcap"]
     ticks: list[int] = []
@@ -288,7 +288,7 @@ def test_record_waits_for_a_port_that_comes_back(replayed: Path, tmp_path: Path)
             process.send_signal(signal.SIGINT)
             out, _err = process.communicate(timeout=60)
     assert process.returncode == 0
-    files = [Path(name) for name in json.loads(out)["captures"]]
+    files = [Path(name) for name in json.loads(out)["files"]]
     assert [path.name for path in files] == ["run-001.solcap", "run-002.solcap"]
     for path in files:
         assert b"".join(part for _t, part in capture.read_records(path)) == data

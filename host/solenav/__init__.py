@@ -30,18 +30,22 @@ if TYPE_CHECKING:
     from solenav.sim.scenario import simulate
     from solenav.tuning import tune
     from solenav.verification import verify
+    from solenav_tools.doctor import examine as doctor
     from solenav_tools.firmware_run import run as run_firmware
     from solenav_tools.matrix import run as matrix
+    from solenav_tools.recording import record
 
 _PLACES = {
     "batch": "solenav.batching:batch",
     "compare": "solenav.comparison.runs:compare",
+    "doctor": "solenav_tools.doctor:examine",
     "evaluate": "solenav.evaluation:evaluate",
     "export": "solenav.exporting:export",
     "info": "solenav.capture.summary:summary",
     "load": "solenav.capture:load",
     "matrix": "solenav_tools.matrix:run",
     "plot": "solenav.plotting:plot",
+    "record": "solenav_tools.recording:record",
     "read_recording": "solenav.datasets:read",
     "replay": "solenav.replaying:replay",
     "run_firmware": "solenav_tools.firmware_run:run",
@@ -54,6 +58,7 @@ _PLACES = {
 __all__ = [
     "batch",
     "compare",
+    "doctor",
     "evaluate",
     "export",
     "info",
@@ -61,6 +66,7 @@ __all__ = [
     "matrix",
     "plot",
     "read_recording",
+    "record",
     "replay",
     "run_firmware",
     "simulate",

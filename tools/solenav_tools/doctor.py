@@ -17,7 +17,7 @@ from solenav.link import Damage, Frame, FrameReader, unpack
 from solenav.mpu9150 import celsius
 from solenav_core import messages, selftest
 from solenav_core.tables.defaults import PARAMS
-from solenav_tools.ports import read_some
+from solenav_tools.ports import PortVanished, open_port, read_some
 from solenav_tools.recorder import Asker
 from solenav_tools.staging import build_hash
 
@@ -85,6 +85,20 @@ class Seen:
         elif item.kind == messages.LOG:
             level = messages.LEVELS[min(fields["level"], 2)]
             self.logs.append(f"{level}: {fields['text'].decode('utf-8', 'replace')}")
+
+
+def examine(port: str, *, seconds: float = 5.0, bus: bool = False) -> list[Check]:
+    """All checks of the board at a port, or at one that solenav.toml names.
+
+    SolenavError where nobody answers or the port vanishes.
+    """
+    with open_port(port) as opened:
+        try:
+            return list(Doctor(opened, seconds).examine(bus=bus))
+        except PortVanished:
+            raise SolenavError(
+                f"{port} vanished in the middle", "plug it in and start again", 1
+            ) from None
 
 
 class Doctor:
