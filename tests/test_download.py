@@ -251,7 +251,9 @@ def test_any_stretch_of_a_file_can_be_asked_for(tmp_path: Path) -> None:
 @given(
     st.lists(
         st.tuples(
-            st.sampled_from([k for k in link.NAMES if k >= messages.ASK_LISTEN]),
+            st.sampled_from(
+                [k for k in link.NAMES if messages.ASK_LISTEN <= k <= messages.ASK_ERASE]
+            ),
             st.lists(
                 st.sampled_from([0, 1, 2, 300, 65535, 2**31 - 1, 2**31, 2**32 - 1])
                 | st.integers(0, 2**32 - 1),

@@ -28,5 +28,5 @@ def test_a_board_s_files_import_and_pass_the_self_test(tmp_path: Path) -> None:
     done = subprocess.run([*interpreter, "try.py"], cwd=tmp_path, capture_output=True, text=True)
     assert done.stdout.strip() == "0", done.stdout + done.stderr
     names = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.*")}
-    assert {"main.py", "boards/rp2_pico.py", "solenav_core/navigator.mpy", "build.json"} <= names
+    assert {"main.py", "boards/rp2_pico.mpy", "solenav_core/navigator.mpy", "build.json"} <= names
     assert not [name for name in names if name.startswith("solenav_core") and name.endswith(".py")]

@@ -77,17 +77,13 @@ def stage_board(folder: Path, march: str) -> None:
     goes as its device form. `march`: armv6m for the Raspberry Pi Pico. SolenavError where
     mpy-cross is missing or refuses.
     """
-    modules = {f"solenav_core/{name}": text for name, text in device_form.modules().items()}
-    for name, path in _files():
-        if name == "main.py":  # MicroPython looks for it by this name
-            _write(folder / name, path.read_text(encoding="utf-8"))
-        elif not name.startswith("solenav_core/"):
-            modules[name] = path.read_text(encoding="utf-8")
-    for name, text in modules.items():
-        target = (folder / name).with_suffix(".mpy")
+    for name, data in board_tree(march).items():
+        target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(compiled(name.removesuffix(".py"), text, march))
-    _write(folder / "build.json", json.dumps({"hash": build_hash(), "version": _version()}))
+        target.write_bytes(data)
+    # MicroPython looks for it by this name.
+    (folder / "main.mpy").unlink()
+    _write(folder / "main.py", (firmware_path() / "main.py").read_text(encoding="utf-8"))
 
 
 def board_tree(march: str) -> dict[str, bytes]:

@@ -22,7 +22,7 @@ except (ImportError, AttributeError):
 
 # The interrupted firmware's modules and buffers fill the heap.
 for fl_name in list(sys.modules):
-    if getattr(sys.modules[fl_name], "__file__", "")[:2] in ("a/", "b/"):
+    if (getattr(sys.modules[fl_name], "__file__", "") or "")[:2] in ("a/", "b/"):
         del sys.modules[fl_name]
 gc.collect()
 
