@@ -104,8 +104,8 @@ def speeds() -> dict[str, dict[str, float]]:
         ticks = _TICKS[name]
         out[name] = {
             "stance": speed(name, still(ticks), params),
-            "swing": speed(name, np.resize(swing, (ticks // 2, 6)), params),
-            "walk": speed(name, np.resize(counts[2800:], (ticks, 6)), params),
+            "swing": speed(name, np.resize(swing, (ticks // 2, counts.shape[1])), params),
+            "walk": speed(name, np.resize(counts[2800:], (ticks, counts.shape[1])), params),
         }
     return out
 
@@ -113,7 +113,7 @@ def speeds() -> dict[str, dict[str, float]]:
 def hour() -> float:
     """Seconds that an hour of walking takes on the fast engine, compiled beforehand."""
     counts, params, _stance = recorded()
-    walk = np.resize(counts[2800:], (int(3600 * RATE), 6))
+    walk = np.resize(counts[2800:], (int(3600 * RATE), counts.shape[1]))
     return 3600 / speed("fast", walk, params)
 
 
