@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import serial
 from board import Client
 from cli import refused, solenav
 from test_doctor import STILL
@@ -40,6 +41,13 @@ def board() -> Iterator[SimulatedBoard]:
         yield made
 
 
+def joined(port: serial.Serial) -> Client:
+    """A client of a board that is speaking already: from the next whole frame on."""
+    while not port.read_until(b"\0").endswith(b"\0"):
+        pass
+    return Client(port)
+
+
 def test_every_tick_of_a_live_board_is_compared(walk: Path, board: SimulatedBoard) -> None:
     done = solenav("verify", walk, "--device", board.port)
     assert done.returncode == 0, done.stderr
@@ -51,15 +59,13 @@ def test_the_board_goes_on_with_its_own_run_and_parameters(
     walk: Path, board: SimulatedBoard
 ) -> None:
     with open_port(board.port) as port:
-        client = Client(port)
+        client = joined(port)
         client.until(lambda m: m.name == "POSE" and m.tick > 300)
         before = client.named("HELLO")[-1].fields["params"]
         tick = client.messages[-1].tick
         report = injection.inject(port, capture.load(walk), "fast")
         assert report.verified
-        # Whoever injected has read half a frame of what follows.
-        port.read_until(b"\0")
-        client = Client(port)
+        client = joined(port)
         client.until(lambda m: m.name == "POSE" and m.tick > tick)
         after = client.until(lambda m: m.name == "POSE")
         assert after.fields["flags"] & messages.RESUMED
@@ -119,7 +125,7 @@ def answer(client: Client, kind: int, seq: int, *values: int) -> int:
 
 def test_nothing_is_injected_unasked_or_beyond_the_limits(board: SimulatedBoard) -> None:
     with open_port(board.port) as port:
-        client = Client(port)
+        client = joined(port)
         client.until(lambda m: m.name == "SAMPLE")
         assert answer(client, messages.INJECT, 1, 0, *[0] * 10) == messages.REFUSED
         assert answer(client, messages.ASK_PARAM, 2, 0, 1) == messages.REFUSED
@@ -138,7 +144,7 @@ def test_nothing_is_injected_unasked_or_beyond_the_limits(board: SimulatedBoard)
 
 def test_a_host_that_falls_silent_leaves_a_board_that_goes_on(board: SimulatedBoard) -> None:
     with open_port(board.port) as port:
-        client = Client(port)
+        client = joined(port)
         client.until(lambda m: m.name == "POSE" and m.tick > 300)
         assert answer(client, messages.ASK_INJECT, 1, 1) == messages.DONE
         client.port.write(command(messages.INJECT, 2, 0, *[0] * 10))
