@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import builtins
 import contextlib
 import io
@@ -23,7 +24,7 @@ from solenav.errors import SolenavError
 from solenav_tools.flash import board_config, boards, tree
 from solenav_tools.micropython import find_micropython
 from solenav_tools.ports import PortVanished
-from solenav_tools.staging import build_hash, switch
+from solenav_tools.staging import build_hash, firmware_path, switch
 
 OLD = {"main.mpy": b"old main", "same.mpy": b"s" * 900, "boards/x.mpy": b"x", "gone.mpy": b"g"}
 NEW = {"main.mpy": b"new main" * 200, "same.mpy": b"s" * 900, "boards/x.mpy": b"x2"}
@@ -326,3 +327,13 @@ def test_boards_are_listed() -> None:
     assert listed.returncode == 0
     for name in ("rp2_pico", "rp2_pico2", "pyboard", "esp32_s3"):
         assert name in listed.stdout
+
+
+def test_the_keys_that_flash_takes_are_those_that_the_firmware_knows() -> None:
+    text = (firmware_path() / "config.py").read_text(encoding="utf-8")
+    (defaults,) = (
+        node.value
+        for node in ast.parse(text).body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_DEFAULTS"
+    )
+    assert set(board_config.KEYS) == set(ast.literal_eval(defaults))

@@ -12,10 +12,12 @@ import numpy as np
 import serial
 
 from solenav import parameters
+from solenav.capture.contents import Fragments
+from solenav.capture.summary import core_test, failed_sensors
 from solenav.errors import SolenavError
 from solenav.link import Damage, Frame, FrameReader, unpack
 from solenav.mpu9150 import celsius
-from solenav_core import messages, selftest
+from solenav_core import messages
 from solenav_core.tables.defaults import PARAMS
 from solenav_tools.ports import PortVanished, open_port, read_some
 from solenav_tools.recorder import Asker
@@ -59,6 +61,7 @@ class Seen:
     damaged: int = 0
     lost: int = 0
     _seq: int = -1
+    _fragments: Fragments = field(default_factory=Fragments)
 
     def take(self, item: Frame | Damage) -> None:
         """Keep what a check will ask for."""
@@ -73,9 +76,7 @@ class Seen:
         if item.kind == messages.HELLO:
             self.hello = fields
         elif item.kind == messages.PARAMS:
-            self.params = b"" if fields["offset"] == 0 else self.params
-            if fields["offset"] == len(self.params):
-                self.params += fields["data"]
+            self.params = self._fragments.add(item) or self.params
         elif item.kind == messages.STATUS:
             self.statuses.append(fields)
         elif item.kind == messages.SAMPLE:
@@ -399,8 +400,7 @@ def _bus_verdict(found: dict[str, Any]) -> Check:
 def _self_test(failed: int) -> Check:
     if not failed:
         return Check("core", PASS, "every kernel gives the known bits")
-    names = [name for name, _test in selftest.TESTS]
-    name = names[failed - 1] if failed <= len(names) else str(failed)
+    name = core_test(failed)
     return Check("core", FAIL, f"self-test {name} fails: it won't navigate", "solenav flash")
 
 
@@ -414,8 +414,7 @@ def _sensor(kind: int) -> Check:
 
 
 def _sensor_test(bits: int) -> Check:
-    parts = {1: "accelerometer", 2: "gyro", 4: "magnetometer"}
-    failed = [name for bit, name in parts.items() if bits & bit]
+    failed = failed_sensors(bits)
     if failed:
         return Check("sensor test", FAIL, f"{', '.join(failed)} failed", "another sensor")
     if bits & messages.NOT_TESTED:

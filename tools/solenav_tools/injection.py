@@ -18,6 +18,7 @@ import serial
 
 from solenav import engines, replaying
 from solenav.capture import Capture
+from solenav.capture.contents import Fragments
 from solenav.errors import SolenavError
 from solenav.link import Frame, FrameReader, command, unpack
 from solenav_core import messages
@@ -151,28 +152,25 @@ class _Session:
 
     def hello(self) -> dict[str, Any]:
         """Who is there, and its parameters. SolenavError where nobody is, or another schema."""
-        data = b""
+        fragments = Fragments()
         hello: dict[str, Any] = {}
         for _try in range(_TRIES):
             self._asker.ask(messages.ASK_HELLO)
             end = time.monotonic() + _PATIENCE_S
             while time.monotonic() < end:
                 for frame in self._frames():
-                    fields = unpack(frame)
                     if frame.kind == messages.HELLO:
-                        hello = fields
+                        hello = unpack(frame)
                         if hello["schema"] != messages.SCHEMA:
                             raise SolenavError(
                                 f"firmware and host differ (schema {hello['schema']:04x})",
                                 "solenav flash, or the host version that goes with the firmware",
                             )
                     elif frame.kind == messages.PARAMS:
-                        data = b"" if fields["offset"] == 0 else data
-                        if fields["offset"] == len(data):
-                            data += fields["data"]
-                    if hello and len(data) == 4 * len(messages.NAMES):
-                        self.params = array("i", data)
-                        return hello
+                        whole = fragments.add(frame)
+                        if hello and whole is not None:
+                            self.params = array("i", whole)
+                            return hello
         raise SolenavError(
             f"no solenav board answers at {self._port.port}",
             "check that it is the UART's port, and the baud rate",
@@ -235,20 +233,16 @@ class _Session:
 
         None where the board doesn't show its state, or has gone on since.
         """
-        data = b""
+        fragments = Fragments()
         self._asker.ask(messages.ASK_SNAPSHOT)
         end = time.monotonic() + 3 * _PATIENCE_S
         while time.monotonic() < end:
             for frame in self._frames():
                 if frame.kind != messages.SNAPSHOT:
                     continue
-                fields = unpack(frame)
-                data = b"" if fields["offset"] == 0 else data
-                data += fields["data"]
-                if len(data) == fields["total"]:
-                    found = state_difference("", frame.tick, array("i", data), state)
-                    if found is not None and frame.tick == tick:
-                        return found
+                whole = fragments.add(frame)
+                if whole is not None and frame.tick == tick:
+                    return state_difference("", tick, array("i", whole), state)
         return None
 
     def _frames(self) -> list[Frame]:

@@ -22,6 +22,7 @@ from solenav_core import messages
 from solenav_tools.recorder import Asker
 
 _ASK_AGAIN_S = 5.0
+_LOOKED_AT = (messages.HELLO, messages.PARAMS, messages.SNAPSHOT)
 _HELD_MOST = 1024
 _UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0, "kb": 1e3, "mb": 1e6, "gb": 1e9}
 _LEAST_S, _LEAST_BYTES = 1.0, 1e3
@@ -138,7 +139,10 @@ class Rotation:
             self._put(arrival, b"".join([self._hello, *self._params]))
 
     def _keep(self, stuffed: bytes) -> Frame | None:
-        """The frame in these bytes, if one is; HELLO and PARAMS are kept for the next file."""
+        """A frame that a seam needs, if these bytes are one; HELLO and PARAMS are kept for it."""
+        # The type stands behind COBS's first byte: the many others needn't be taken apart twice.
+        if len(stuffed) < 2 or stuffed[1] not in _LOOKED_AT:
+            return None
         frame = decode(stuffed)
         if not isinstance(frame, Frame):
             return None

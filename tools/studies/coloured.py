@@ -5,11 +5,10 @@ python tools/studies/coloured.py DATA
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
-from pages import DOCS, wrapped
+from pages import DOCS, as_script, wrapped
 
 from solenav import datasets
 from solenav.errors import SolenavError
@@ -117,14 +116,5 @@ def study(data: Path) -> None:
     (DOCS / "coloured.md").write_text("\n".join(parts))
 
 
-def main() -> None:
-    if len(sys.argv) != 2:
-        sys.exit("usage: python tools/studies/coloured.py DATA")
-    try:
-        study(Path(sys.argv[1]))
-    except SolenavError as error:
-        sys.exit(error.message)
-
-
 if __name__ == "__main__":
-    main()
+    as_script(study)

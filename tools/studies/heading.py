@@ -8,7 +8,6 @@ laps; writes docs/heading.md and its figures. Minutes on one core.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -739,14 +738,5 @@ def page(
     return "\n".join(parts)
 
 
-def main() -> None:
-    if len(sys.argv) != 2:
-        sys.exit("usage: python tools/studies/heading.py DATA")
-    try:
-        study(Path(sys.argv[1]))
-    except SolenavError as error:
-        sys.exit(error.message)
-
-
 if __name__ == "__main__":
-    main()
+    pages.as_script(study)

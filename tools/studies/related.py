@@ -6,14 +6,13 @@ python tools/studies/related.py DATA
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from pages import DOCS, wrapped
+from pages import DOCS, as_script, wrapped
 
 from solenav import magmap, pdr
 from solenav.datasets import indoor, kaist
@@ -461,14 +460,5 @@ def study(data: Path) -> None:
     (DOCS / "magmap.md").write_text(magmap_page(data, on_kaist, on_mall))
 
 
-def main() -> None:
-    if len(sys.argv) != 2:
-        sys.exit("usage: python tools/studies/related.py DATA")
-    try:
-        study(Path(sys.argv[1]))
-    except SolenavError as error:
-        sys.exit(error.message)
-
-
 if __name__ == "__main__":
-    main()
+    as_script(study)

@@ -9,7 +9,6 @@ which each data set's parameters are chosen by the others. Minutes on two cores.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -26,7 +25,6 @@ from scipy.stats import qmc
 
 from solenav import mpu9150, plotting
 from solenav.comparison.metrics import LOST_SHARE
-from solenav.errors import SolenavError
 from solenav.filters.walk import Walk
 from solenav.parameters import Settings
 from solenav.recording import FloatArray, Recording
@@ -592,14 +590,5 @@ def _pyplot() -> Any:
     return pyplot
 
 
-def main() -> None:
-    if len(sys.argv) != 2:
-        sys.exit("usage: python tools/studies/thresholds.py DATA")
-    try:
-        study(Path(sys.argv[1]))
-    except SolenavError as error:
-        sys.exit(error.message)
-
-
 if __name__ == "__main__":
-    main()
+    pages.as_script(study)

@@ -198,14 +198,15 @@ def unwrap(time_us: NDArray[Any]) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(steps)]) * 1e-6 + float(time_us[0]) * 1e-6
 
 
-class _Fragments:
-    """Puts the fragments of a message of one tick together."""
+class Fragments:
+    """Puts the fragments of a message of one tick together: PARAMS or SNAPSHOT."""
 
     def __init__(self) -> None:
         self.tick = -1
         self.data = bytearray()
 
     def add(self, frame: Frame) -> bytes | None:
+        """The whole message where this fragment was its last; None before, or if one is missing."""
         part = unpack(frame)
         if part["offset"] == 0:
             self.tick = frame.tick
@@ -229,7 +230,7 @@ def load(path: Path | str) -> Capture:
     orders: dict[int, list[int]] = {kind: [] for kind in _TABLES}
     none = [_empty(kind) for kind in _TABLES]
     out = Capture(path, read_sidecar(path), none[0], none[1], none[2], none[3], none[4])
-    fragments = {kind: _Fragments() for kind in (messages.SNAPSHOT, messages.PARAMS)}
+    fragments = {kind: Fragments() for kind in (messages.SNAPSHOT, messages.PARAMS)}
     order = 0
     arrivals: list[float] = []
     records, cut_off = scan(path)
@@ -282,7 +283,7 @@ def _empty(kind: int) -> Table:
     return Table(np.empty(0, dtype(kind)), none, none)
 
 
-def _keep(out: Capture, frame: Frame, order: int, fragments: dict[int, _Fragments]) -> None:
+def _keep(out: Capture, frame: Frame, order: int, fragments: dict[int, Fragments]) -> None:
     """File a frame of the rarer types."""
     fields = unpack(frame)
     if frame.kind == messages.HELLO:

@@ -63,16 +63,26 @@ def _self_test(failed: int) -> str:
     """The board's verdict on itself, from HELLO."""
     if failed == 0:
         return "passed"
+    return f"FAILED: {core_test(failed)}"
+
+
+def core_test(failed: int) -> str:
+    """The name of the core's self-test that HELLO gives by its number, from 1."""
     names = [name for name, _test in selftest.TESTS]
-    return f"FAILED: {names[failed - 1] if failed <= len(names) else failed}"
+    return names[failed - 1] if failed <= len(names) else str(failed)
 
 
 def _sensor_test(bits: int) -> str:
     """What the sensor's own tests said, from HELLO."""
-    failed = [name for bit, name in _TESTED.items() if bits & bit]
+    failed = failed_sensors(bits)
     if failed:
         return f"FAILED: {', '.join(failed)}"
     return "not run: it was moved" if bits & messages.NOT_TESTED else "passed"
+
+
+def failed_sensors(bits: int) -> list[str]:
+    """The sensors whose own tests failed, from HELLO's bits."""
+    return [name for bit, name in _TESTED.items() if bits & bit]
 
 
 def _restarts(table: Table) -> int:

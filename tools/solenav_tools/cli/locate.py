@@ -13,7 +13,7 @@ import typer
 from solenav import magmap as maps
 from solenav.errors import SolenavError
 from solenav_tools.cli import traces
-from solenav_tools.cli.output import Json, check_output, say, say_json, write_text
+from solenav_tools.cli.output import Json, say, say_json, write_text
 from solenav_tools.cli.pdr import table
 
 Filter = Enum("Filter", {name: name for name in maps.FILTERS}, type=str)  # type: ignore[misc]
@@ -36,16 +36,12 @@ def locate(
     way_points: traces.WayPoints = None,
     filter: Annotated[Filter, typer.Option(help="Which particle filter.")] = _FIREFLY,
     seed: Annotated[int, typer.Option(help="Of the particles.")] = 1,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Table of the steps (.csv) to write.")
-    ] = None,
-    plot: Annotated[Path | None, typer.Option(help="PNG to draw.")] = None,
+    output: traces.Steps = None,
+    plot: traces.Picture = None,
     as_json: Json = False,
 ) -> None:
     """Find a phone's walk on a magnetic map by a particle filter."""
-    for path, suffix in ((output, ".csv"), (plot, ".png")):
-        if path is not None:
-            check_output(path, suffix)
+    traces.check_outputs(output, plot)
     floor = maps.load(map_file)
     recording = traces.read(trace, format, way_points)
     truth = recording.truth

@@ -14,7 +14,7 @@ from solenav import pdr as reckoning
 from solenav.pdr.reckoning import HEADINGS
 from solenav.pdr.track import StepTrack
 from solenav_tools.cli import traces
-from solenav_tools.cli.output import Json, check_output, say, say_json, write_text
+from solenav_tools.cli.output import Json, say, say_json, write_text
 
 Heading = Enum("Heading", {name: name for name in HEADINGS}, type=str)  # type: ignore[misc]
 _GYRO = Heading("gyro")
@@ -26,16 +26,12 @@ def pdr(
     way_points: traces.WayPoints = None,
     heading: Annotated[Heading, typer.Option(help="Where the direction comes from.")] = _GYRO,
     adapt: Annotated[bool, typer.Option(help="Fit the step length to the way points.")] = False,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Table of the steps (.csv) to write.")
-    ] = None,
-    plot: Annotated[Path | None, typer.Option(help="PNG to draw.")] = None,
+    output: traces.Steps = None,
+    plot: traces.Picture = None,
     as_json: Json = False,
 ) -> None:
     """Steps, distance and track of a phone carried in the hand, pointing ahead."""
-    for path, suffix in ((output, ".csv"), (plot, ".png")):
-        if path is not None:
-            check_output(path, suffix)
+    traces.check_outputs(output, plot)
     recording = traces.read(trace, format, way_points)
     model = reckoning.GENERIC
     if adapt and recording.truth is not None:

@@ -11,6 +11,7 @@ import typer
 from solenav.datasets import indoor, kaist
 from solenav.errors import SolenavError
 from solenav.recording import Recording
+from solenav_tools.cli.output import check_output
 
 
 class TraceFormat(str, Enum):
@@ -24,6 +25,18 @@ Format = Annotated[TraceFormat, typer.Option("--format", "-f", help="Whose forma
 WayPoints = Annotated[
     Path | None, typer.Option(help="kaist: the file (.json) of the way points' places.")
 ]
+
+Steps = Annotated[
+    Path | None, typer.Option("-o", "--output", help="Table of the steps (.csv) to write.")
+]
+Picture = Annotated[Path | None, typer.Option(help="PNG to draw.")]
+
+
+def check_outputs(output: Path | None, plot: Path | None) -> None:
+    """SolenavError, before any long work, for files that can't be written."""
+    for path, suffix in ((output, ".csv"), (plot, ".png")):
+        if path is not None:
+            check_output(path, suffix)
 
 
 def read(path: Path, format: TraceFormat, way_points: Path | None) -> Recording:
