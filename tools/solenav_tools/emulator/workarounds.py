@@ -279,6 +279,15 @@ class Console:
         self._forget()
 
 
+def without_pio(rp2040: RP2040) -> None:
+    """Neither PIO is advanced any more.
+
+    Mends: rp2040py asks both after each instruction, a seventh of all its time, also where they
+    stand still. The firmware has no use for them; a program that has would wait for ever.
+    """
+    rp2040.pio = []
+
+
 def refuse(i2c: RPI2C) -> None:
     """Nobody acknowledges the address.
 
