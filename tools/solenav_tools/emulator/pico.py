@@ -19,7 +19,7 @@ from solenav.sim.feed_file import write_feed
 from solenav_tools.board import Samples
 from solenav_tools.emulator import image
 from solenav_tools.emulator.sensor import Wiring
-from solenav_tools.emulator.workarounds import Console, PacedUart, check_version, without_pio
+from solenav_tools.emulator.workarounds import Console, PacedUart, StillPio, check_version
 
 _TURN_NS = 1e6  # from one look at what comes from outside to the next
 _DRAIN_S = 0.1  # after the last sample, for the FIFO
@@ -83,7 +83,7 @@ class EmulatedPico:
         self._device = MicroPythonDevice(board=board)
         self.mcu = self._device.mcu
         self.simulator = self._device.simulator
-        without_pio(self.mcu)
+        self._pio = StillPio(self.mcu)
         content = files if isinstance(files, bytes) else image.build(files)
         self.mcu.flash[image.START : image.START + len(content)] = content
         self.uart = PacedUart.install(self.mcu, 0)
@@ -158,4 +158,5 @@ class EmulatedPico:
         """The watchdog restarts the processor, by itself or as `machine.reset()` has it do."""
         self.restarts.append("watchdog" if self.mcu.watchdog._reason == 1 else "reset")
         machine.bus.end()
-        self._device.hard_reset(cause=ResetCause.WATCHDOG)
+        with self._pio.there():
+            self._device.hard_reset(cause=ResetCause.WATCHDOG)
