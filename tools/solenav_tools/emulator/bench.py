@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from solenav import capture, importing
 from solenav.capture import Capture
+from solenav.engines.device_form import kernel_modules
 from solenav.engines.thumb import ThumbEngine
 from solenav.errors import SolenavError
 from solenav.link import Damage, FrameReader
@@ -24,6 +25,7 @@ from solenav_tools.emulator.pico import EmulatedPico
 from solenav_tools.emulator.profile import EACH, Profile, Tick
 
 POSE_EVERY = 4
+THUMB_TICKS = 1500  # it makes some twenty a second
 _STANCE = layout.offsets(layout.STATE_FIELDS)["STANCE"]
 _HEAP_S = 4.5  # of a walk, to look at the heap: two whole seconds after the static start
 
@@ -50,7 +52,7 @@ _BEFORE = "    try:\n        application.run()"
 
 def on_thumb(counts: NDArray[np.int16], params: array[int]) -> dict[str, dict[str, Any]]:
     """Cycles of each kind of tick over samples (n, 10), on the Thumb engine."""
-    engine = ThumbEngine(params)
+    engine = ThumbEngine(params, sources=kernel_modules())
     found: dict[str, list[int]] = {}
     stages: dict[str, Counter[str]] = {}
     for row in range(len(counts)):
@@ -169,13 +171,13 @@ def measure(
     if uf2 is None:
         with tempfile.TemporaryDirectory(prefix="solenav-bench-") as name:
             source = _walk(Path(name), seconds, 200.0)
-            return {"thumb": on_thumb(source.sample_counts, source.params[0][1])}
+            return {"thumb": on_thumb(source.sample_counts[:THUMB_TICKS], source.params[0][1])}
     out: dict[str, Any] = {"runs": []}
     for rate in rates:
         result = on_pico(uf2, seconds if rate == 200 else max(4.0, seconds / 3), rate, progress)
         counts, params = result.pop("counts"), result.pop("params")
         if rate == 200:
-            out["thumb"] = on_thumb(counts, params)
+            out["thumb"] = on_thumb(counts[:THUMB_TICKS], params)
         out["runs"].append(result)
     return {**out, "heap": heap(uf2, progress)}
 
