@@ -29,8 +29,8 @@ def bench(
 ) -> None:
     """Cycles of a tick by stage on the Thumb engine; with --pico on the emulated board.
 
-    On the board also: share of the processor, latency from data ready to POSE on the wire, heap,
-    garbage, samples lost. A second of a walk takes about a quarter of a minute there.
+    On the board also: how long the processor was awake, latency from data ready to POSE on the
+    wire, heap, garbage, samples lost. A second of a walk takes some 25 s of a core there.
     """
     from solenav_tools.emulator import bench as measuring
 
@@ -58,7 +58,7 @@ def bench(
 def _tell(run: dict[str, Any]) -> None:
     latency = run["latency_ms"]
     say(
-        f"{run['rate_hz']:g} Hz, {run['seconds']:g} s: {run['cpu_share']:.0%} of the processor, "
+        f"{run['rate_hz']:g} Hz, {run['seconds']:g} s: awake {run['awake']:.0%} of the time, "
         f"POSE {latency['median']:.1f} ms after data ready, {latency['worst']:.1f} at worst; "
         f"{run['proven']} of {run['samples']} samples proven"
     )

@@ -75,7 +75,9 @@ def on_pico(
     rate_hz: float,
     progress: Callable[[int], None] = lambda ms: None,
 ) -> dict[str, Any]:
-    """A walk of so many seconds: the core's cycles, share of the CPU, latency, what was lost.
+    """A walk of so many seconds: the core's cycles, latency, what was lost.
+
+    "awake" is the share of time in which the processor didn't sleep, polling included.
 
     The samples and parameters for the Thumb engine are in "counts" and "params". SolenavError
     where the firmware crashes, where it never navigates, or a tick isn't the host's.
@@ -112,7 +114,7 @@ def on_pico(
             "lost": len(source.samples) - len(made.samples),
             "proven": report.covered_ticks,
             "verified": bool(report.verified),
-            "cpu_share": round(1 - profile.idle / max(1, profile.looks), 4),
+            "awake": round(1 - profile.idle / max(1, profile.looks), 4),
             "latency_ms": _latency(made, made_at, ready),
             "worst_tick_us": int(status["worst"]) if status is not None else None,
             "heap_free": int(status["heap"]) if status is not None else None,
