@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from solenav import capture, evaluation, pdr, plotting
 from solenav.datasets import indoor, kaist
 from solenav.errors import SolenavError
-from solenav.pdr import steps
+from solenav.pdr import step_table, steps
 from solenav.pdr.length import features
+from solenav.pdr.track import SOURCES
 from solenav.recording import FloatArray, Recording, Truth
 
 pytest.importorskip("dtaidistance")
@@ -187,6 +188,74 @@ def test_evaluate_and_plot_take_steps_of_waist_and_foot(replayed: Path, tmp_path
         picture = tmp_path / f"{source}.png"
         plotting.plot_steps(walk, picture, truth=truth)
         assert picture.stat().st_size > 5_000
+
+
+# --- steps in a file ---------------------------------------------------------------------------
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 40), source=st.sampled_from(SOURCES))
+def test_a_walk_comes_back_from_its_table(
+    tmp_path_factory: pytest.TempPathFactory, seed: int, count: int, source: str
+) -> None:
+    rng = np.random.default_rng(seed)
+    spread = rng.normal(0, 0.1, (count, 3, 3))
+    walk = pdr.StepTrack(
+        "steps",
+        np.cumsum(rng.uniform(0.3, 2.0, count)),
+        rng.normal(0, 1, (count, 3)),
+        rng.uniform(0, 2 * np.pi, count),
+        spread @ spread.transpose(0, 2, 1),
+        rng.normal(0, 100, 3),
+        -1.0,
+        source,
+    )
+    path = tmp_path_factory.mktemp("table") / "steps.csv"
+    truth = Truth(walk.time_s, walk.position[1:], frame="enu")
+    step_table.write(path, walk, truth)
+    back, known = step_table.read(path)
+    assert (back.name, back.source, back.start_s) == ("steps", source, -1.0)
+    assert back.position == pytest.approx(walk.position, abs=1e-5)
+    assert back.position_s == pytest.approx(walk.position_s, rel=1e-8)
+    assert back.covariance == pytest.approx(walk.covariance, abs=1e-7)
+    assert np.cos(back.heading - walk.heading) == pytest.approx(np.ones(count), abs=1e-9)
+    assert known is not None and known.frame == "enu"
+    assert known.position_enu == pytest.approx(truth.position_enu, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("column", "cell", "says"),
+    [
+        ("time_s", "0.0", r"steps\.csv, line 5: time goes back"),
+        ("x_m", "nan", r"line 5: x_m is nan"),
+        ("x_m", "east", r"line 5: could not convert"),
+        ("heading_deg", "", r"line 5: heading_deg is nan"),
+        ("xx_m2", "-1", r"line 5: the step's variances are negative"),
+        ("source", "horse", r"line 5: the source is 'horse'"),
+        ("source", "foot", r"line 5: the source is 'foot'"),
+        ("source", "waist,more", r"line 5: 14 cells, expected 13"),
+    ],
+)
+def test_a_broken_table_is_refused_with_its_line(
+    tmp_path: Path, column: str, cell: str, says: str
+) -> None:
+    lines = step_table.table(pdr.reckon(carried(20.0))).splitlines()
+    cells = lines[4].split(",")
+    cells[lines[0].split(",").index(column)] = cell
+    lines[4] = ",".join(cells)
+    path = tmp_path / "steps.csv"
+    path.write_text("\n".join(lines))
+    with pytest.raises(SolenavError, match=says):
+        step_table.read(path)
+    path.write_text("\n".join(lines[:2]))
+    with pytest.raises(SolenavError, match="no steps"):
+        step_table.read(path)
+
+
+def test_steps_need_a_truth_where_one_is_required() -> None:
+    walk = pdr.reckon(carried(20.0))
+    with pytest.raises(SolenavError, match="no truth"):
+        evaluation.evaluate_steps(walk, None, require_truth=True)
 
 
 # --- bad input -----------------------------------------------------------------------------------
