@@ -211,7 +211,8 @@ def pdr_page(walks: Sequence[Recording]) -> str:
         "",
         wrapped(
             f"**Length** of whole traces, mean absolute error: {before:.1f} % generic, "
-            f"{after:.1f} % adapted; of a leg between way points: {leg_before:.2f} m and {leg_after:.2f} m. "
+            f"{after:.1f} % adapted; of a leg between way points: {leg_before:.2f} m and "
+            f"{leg_after:.2f} m. "
             "Adapted is what the model said of a leg that had learned from those before it only."
         ),
         "",
