@@ -173,6 +173,15 @@ def pdr_page(walks: Sequence[Recording]) -> str:
             "make the same (`pdr.of_capture`). `solenav pdr -o steps.csv` writes it, `solenav "
             "evaluate` and `solenav plot` take it."
         ),
+        wrapped(
+            "- **Foot and waist together**: `pdr.joined(pdr.of_capture(run), waist, "
+            "pdr.holes(run))` lays the waist's steps into the holes of a foot's navigation (GAP, "
+            "RESUMED): turned and scaled to the foot's steps of the 20 s before; what the foot "
+            "walks after a hole is turned by what the waist's gyro saw and the foot missed. Times "
+            "of both must count from one moment. No recording has both; on the simulated loop, "
+            "the core resumed after 8 s round a corner, the end is within 2 m of the truth, "
+            "without the waist more than 10 m off (`tests/test_bridging.py`)."
+        ),
         "",
         "## Measured",
         wrapped(

@@ -10,8 +10,8 @@ from solenav.capture.contents import Capture
 from solenav.errors import SolenavError
 from solenav.recording import FloatArray
 
-WAIST, FOOT = "waist", "foot"
-SOURCES = (WAIST, FOOT)
+WAIST, FOOT, JOINED = "waist", "foot", "foot and waist"
+SOURCES = (WAIST, FOOT, JOINED)
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class StepTrack:
 
     `time_s` (n,) when each ended; `displacement` (n, 3) m, ENU or the map's axes, since the step
     before; `heading` (n,) rad counterclockwise from East; `covariance` (n, 3, 3) m² of each
-    displacement; `start` (3,) m where the first began, at `start_s`. `source` is WAIST or FOOT.
+    displacement; `start` (3,) m where the first began, at `start_s`. `source` is one of SOURCES.
     """
 
     name: str
