@@ -298,6 +298,15 @@ def test_what_cannot_be_reckoned_is_refused() -> None:
         pdr.reckon(good, heading="magnetometer", start_heading=1.0)
     with pytest.raises(SolenavError, match="no steps"):
         pdr.reckon(carried(10.0, cadence=0.0))
+    for values in (good.accel, good.gyro):
+        broken = values.copy()
+        broken[250, 1] = np.nan
+        name = "accel" if values is good.accel else "gyro"
+        with pytest.raises(SolenavError, match=rf"walk, 5\.00 s: {name} y is nan"):
+            pdr.reckon(replace(good, **{name: broken}))
+    late = good.time_s + 0.5 * (good.time_s >= 5.0)
+    with pytest.raises(SolenavError, match=r"walk, 5\.50 s: 0\.520 s without samples"):
+        pdr.reckon(replace(good, time_s=late))
     with pytest.raises(SolenavError, match="NaN"):
         steps.detect(good.time_s, np.full(len(good.time_s), np.nan))
     with pytest.raises(SolenavError, match="too few"):
@@ -378,6 +387,10 @@ def test_the_indoor_format_knows_floor_way_points_and_field(tmp_path: Path) -> N
     assert indoor.read(file).mag is None
     file.write_text("\n".join(line for line in indoor_lines() if "GYRO" not in line))
     with pytest.raises(SolenavError, match="no rate of turn"):
+        indoor.read(file)
+    torn = indoor_lines()
+    file.write_text("\n".join(torn[:100] + torn[160:]))
+    with pytest.raises(SolenavError, match=r"walk\.txt, line \d+: 0\.\d+ s without samples"):
         indoor.read(file)
 
 

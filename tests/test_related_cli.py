@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -83,6 +84,19 @@ def test_evaluate_and_plot_take_the_steps_of_pdr(data: Path, tmp_path: Path) -> 
     assert "against the truth, turned and shifted" in run("evaluate", steps)
     run("plot", steps, "-o", tmp_path / "steps.png")
     assert (tmp_path / "steps.png").stat().st_size > 10_000
+
+
+def test_a_trace_without_magnetometer_is_reckoned_by_the_gyro_alone(tmp_path: Path) -> None:
+    file = tmp_path / "walk.txt"
+    with file.open("w") as lines:
+        for i in range(1000):
+            swing = 3 * math.sin(2 * math.pi * 1.8 * i / 50)
+            lines.write(f"{20 * i}\tTYPE_ACCELEROMETER\t0\t0\t{9.81 + swing}\t3\n")
+            lines.write(f"{20 * i}\tTYPE_GYROSCOPE\t0\t0\t0\t3\n")
+    words = ["pdr", file, "-f", "indoor"]
+    assert "steps" in run(*words)
+    with pytest.raises(SolenavError, match="has no magnetometer"):
+        run(*words, "--heading", "magnetometer")
 
 
 def test_steps_that_are_no_table_are_refused(tmp_path: Path) -> None:
