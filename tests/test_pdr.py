@@ -388,6 +388,12 @@ def test_the_indoor_format_knows_floor_way_points_and_field(tmp_path: Path) -> N
     file.write_text("\n".join(line for line in indoor_lines() if "GYRO" not in line))
     with pytest.raises(SolenavError, match="no rate of turn"):
         indoor.read(file)
+    for kind in ("TYPE_GYROSCOPE", "TYPE_MAGNETIC_FIELD"):
+        whole = indoor_lines()
+        torn = [line for k, line in enumerate(whole) if kind not in line or not 100 < k < 160]
+        file.write_text("\n".join(torn))
+        with pytest.raises(SolenavError, match=r"walk\.txt, line \d+: 0\.\d+ s without samples"):
+            indoor.read(file)
     torn = indoor_lines()
     file.write_text("\n".join(torn[:100] + torn[160:]))
     with pytest.raises(SolenavError, match=r"walk\.txt, line \d+: 0\.\d+ s without samples"):

@@ -34,7 +34,7 @@ def read(path: Path, *, foot: str = "right") -> Recording:
     """
     notes: dict[str, str] = {}
     found: dict[str, list[list[float]]] = {name: [] for name in WIDTHS}
-    lines_of: list[int] = []
+    lines_of: dict[str, list[int]] = {name: [] for name in WIDTHS}
     for number, line in enumerate(checks.read_lines(path, ".txt"), 1):
         cells = line.split("\t")
         if line.startswith("#"):
@@ -54,8 +54,7 @@ def read(path: Path, *, foot: str = "right") -> Recording:
             raise SolenavError(f"{path}, line {number}: {error}", checks.MEND_FILE) from None
         if not np.isfinite(row).all():
             raise SolenavError(f"{path}, line {number}: a value is not finite", checks.MEND_FILE)
-        if cells[1] == "TYPE_ACCELEROMETER":
-            lines_of.append(number)
+        lines_of[cells[1]].append(number)
         found[cells[1]].append(row)
     accel = np.array(found["TYPE_ACCELEROMETER"])
     gyro = np.array(found["TYPE_GYROSCOPE"])
@@ -64,9 +63,17 @@ def read(path: Path, *, foot: str = "right") -> Recording:
             f"{path} has no acceleration or no rate of turn", "record it again, or another format"
         )
 
-    def place(sample: int) -> str:
-        return f"{path}, line {lines_of[min(sample, len(lines_of) - 1)]}"
+    def place_of(name: str) -> checks.Place:
+        numbers = lines_of[name]
+        return lambda sample: f"{path}, line {numbers[min(sample, len(numbers) - 1)]}"
 
+    # These are interpolated, which must not hide that they have holes.
+    for name in ("TYPE_GYROSCOPE", "TYPE_MAGNETIC_FIELD"):
+        stamps_s = np.array([row[0] for row in found[name]]) / 1e3
+        if len(stamps_s) > 1:
+            checks.check_increasing(stamps_s, place_of(name), repeats=True)
+            checks.check_gaps(stamps_s, place_of(name))
+    place = place_of("TYPE_ACCELEROMETER")
     time_s = accel[:, 0] / 1e3
     checks.check_increasing(time_s, place, repeats=True)
     # Two samples of one millisecond: the later replaces the first.
