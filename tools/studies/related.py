@@ -174,13 +174,14 @@ def pdr_page(walks: Sequence[Recording]) -> str:
             "evaluate` and `solenav plot` take it."
         ),
         wrapped(
-            "- **Foot and waist together**: `pdr.joined(pdr.of_capture(run), waist, "
-            "pdr.holes(run))` lays the waist's steps into the holes of a foot's navigation (GAP, "
-            "RESUMED): turned and scaled to the foot's steps of the 20 s before; what the foot "
-            "walks after a hole is turned by what the waist's gyro saw and the foot missed. Times "
-            "of both must count from one moment. No recording has both; on the simulated loop, "
-            "the core resumed after 8 s round a corner, the end is within 2 m of the truth, "
-            "without the waist more than 10 m off (`tests/test_bridging.py`)."
+            "- **Foot and waist together**: `solenav pdr TRACE --foot run.solcap --later S` (S: "
+            "seconds that the trace began after the capture) lays the phone's steps into the holes "
+            "of a foot's navigation (GAP, RESUMED): turned and scaled to the foot's steps of the "
+            "20 s before; what the foot walks after a hole is turned by what the phone's gyro saw "
+            "and the foot missed. In Python `pdr.joined(pdr.of_capture(run), waist, "
+            "pdr.holes(run))`. No recording has both sensors; `tests/test_bridging.py` unplugs "
+            "the simulated board's sensor for 8 s round a corner: with the phone the walk ends "
+            "within 2 m, alone more than 5 m off."
         ),
         "",
         "## Measured",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,6 +34,10 @@ class StepTrack:
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+    def after(self, seconds: float) -> StepTrack:
+        """The same walk on a clock that began so many seconds earlier."""
+        return replace(self, time_s=self.time_s + seconds, start_s=self.start_s + seconds)
 
     @property
     def position(self) -> FloatArray:

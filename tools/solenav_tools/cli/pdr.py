@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from solenav import evaluation
+from solenav import capture, evaluation
 from solenav import pdr as reckoning
 from solenav.pdr import step_table
 from solenav.pdr.reckoning import HEADINGS
@@ -26,6 +26,13 @@ def pdr(
     way_points: traces.WayPoints = None,
     heading: Annotated[Heading, typer.Option(help="Where the direction comes from.")] = _GYRO,
     adapt: Annotated[bool, typer.Option(help="Fit the step length to the way points.")] = False,
+    foot: Annotated[
+        Path | None,
+        typer.Option(help="Capture of the foot on the same walk: the phone bridges its holes."),
+    ] = None,
+    later: Annotated[
+        float, typer.Option(help="With --foot: seconds that the trace began after the capture.")
+    ] = 0.0,
     output: traces.Steps = None,
     plot: traces.Picture = None,
     as_json: Json = False,
@@ -41,9 +48,12 @@ def pdr(
         model, _ = reckoning.adapted(recording, recording.truth)
     walk = reckoning.reckon(recording, heading=heading.value, model=model)
     truth = recording.truth
+    if foot is not None:
+        run = capture.load(foot)
+        walk = reckoning.joined(reckoning.of_capture(run), walk.after(later), reckoning.holes(run))
     if truth is not None:
         # The way points' axes are the map's, the walk's begin where the phone pointed.
-        truth = replace(truth, frame="local")
+        truth = replace(truth, frame="local", time_s=truth.time_s + later)
     result = evaluation.evaluate_steps(walk, truth)
     if output is not None:
         step_table.write(output, walk, truth)
