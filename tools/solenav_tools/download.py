@@ -16,6 +16,7 @@ from solenav.capture import CaptureWriter, read_records
 from solenav.capture.sidecar import write_sidecar
 from solenav.errors import SolenavError
 from solenav.link import NAMES, Damage, Frame, FrameReader, decode, unpack
+from solenav.link.schema import need_schema
 from solenav_core import messages
 from solenav_tools.ports import read_some
 from solenav_tools.recorder import Asker
@@ -77,12 +78,7 @@ class BlackBox:
     def hello(self) -> None:
         """Ask who is there. SolenavError where that is nobody, or one of another schema."""
         for frame in self._answers(messages.HELLO, messages.ASK_HELLO, tries=_HELLO_TRIES):
-            schema = unpack(frame)["schema"]
-            if schema != messages.SCHEMA:
-                raise SolenavError(
-                    f"firmware and host differ (schema {schema:04x})",
-                    "install the host version that goes with the firmware, or flash it anew",
-                )
+            need_schema(unpack(frame), str(self._port.name))
             return
 
     def files(self) -> list[Stored]:

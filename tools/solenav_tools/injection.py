@@ -21,6 +21,7 @@ from solenav.capture import Capture
 from solenav.capture.contents import Fragments
 from solenav.errors import SolenavError
 from solenav.link import Frame, FrameReader, command, unpack
+from solenav.link.schema import need_schema
 from solenav_core import messages
 from solenav_tools.matrix import Difference, state_difference
 from solenav_tools.ports import read_some, send
@@ -161,11 +162,7 @@ class _Session:
                 for frame in self._frames():
                     if frame.kind == messages.HELLO:
                         hello = unpack(frame)
-                        if hello["schema"] != messages.SCHEMA:
-                            raise SolenavError(
-                                f"firmware and host differ (schema {hello['schema']:04x})",
-                                "solenav flash, or the host version that goes with the firmware",
-                            )
+                        need_schema(hello, str(self._port.port))
                     elif frame.kind == messages.PARAMS:
                         whole = fragments.add(frame)
                         if hello and whole is not None:

@@ -13,6 +13,7 @@ import serial
 from solenav.capture import CaptureWriter
 from solenav.capture.sidecar import write_sidecar
 from solenav.errors import SolenavError
+from solenav.link.schema import need_schema
 from solenav_tools.monitor.live import Live
 from solenav_tools.monitor.wearers import Wearer
 from solenav_tools.ports import PortVanished, open_port, reopen
@@ -96,13 +97,9 @@ class Watch:
         for item in stream(port, self, self._over.is_set):
             with self.lock:
                 self.live.take(item, time.monotonic())
-                foreign = self.live.foreign()
-            if foreign:
-                schema = self.live.hello["schema"]
-                raise SolenavError(
-                    f"{self.wearer.name}: firmware and host differ (schema {schema:04x})",
-                    "install the host version that goes with the firmware, or flash it anew",
-                )
+                hello = self.live.hello
+            if hello:
+                need_schema(hello, self.wearer.name)
 
 
 @contextmanager
