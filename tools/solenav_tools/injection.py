@@ -14,7 +14,9 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
 import serial
+from numpy.typing import NDArray
 
 from solenav import engines, replaying
 from solenav.capture import Capture
@@ -70,10 +72,13 @@ def inject(
     report = DeviceReport(
         hello["text"].decode("utf-8", "replace"), name, samples=len(capture.samples)
     )
+    words = replaying.samples_of(capture).words
+    # An engine may compile at its first tick, for longer than the board's patience.
+    engines.create(name, capture.params[0][1]).advance(words, 0, 1)
     session.asked(messages.ASK_INJECT, 1)
     began = time.monotonic()
     try:
-        _run(session, capture, report, progress)
+        _run(session, capture, words, report, progress)
     except SolenavError:
         # It may have been restarted, or hear nothing: then its own patience ends it.
         session.leave()
@@ -84,9 +89,12 @@ def inject(
 
 
 def _run(
-    session: _Session, capture: Capture, report: DeviceReport, progress: Callable[[int], None]
+    session: _Session,
+    capture: Capture,
+    words: NDArray[np.int16],
+    report: DeviceReport,
+    progress: Callable[[int], None],
 ) -> None:
-    words = replaying.samples_of(capture).words
     params = capture.params[0][1][:]
     changes = replaying.parameter_changes(capture)
     core = engines.create(report.engine, params)
