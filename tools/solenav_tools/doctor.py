@@ -15,7 +15,7 @@ from solenav import parameters
 from solenav.capture.contents import Fragments
 from solenav.capture.summary import core_test, failed_sensors
 from solenav.errors import SolenavError
-from solenav.link import Damage, Frame, FrameReader, unpack
+from solenav.link import Damage, Frame, FrameReader, missing, unpack
 from solenav.link.schema import need_schema
 from solenav.link.units import complaints, mode_text
 from solenav.mpu9150 import celsius
@@ -71,8 +71,7 @@ class Seen:
             self.damaged += 1
             return
         self.frames += 1
-        if self._seq >= 0 and item.kind != messages.HELLO:
-            self.lost += (item.seq - self._seq - 1) % 256
+        self.lost += missing(self._seq, item)
         self._seq = item.seq
         fields = unpack(item)
         if item.kind == messages.HELLO:

@@ -7,7 +7,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from solenav.link import Damage, Frame, unpack
+from solenav.link import Damage, Frame, missing, unpack
 from solenav.link.units import POSE_FLAGS, complaints, mode_text
 from solenav.mpu9150 import celsius
 from solenav_core import layout, messages
@@ -67,8 +67,7 @@ class Live:
             self.damaged += 1
             return
         self.frames += 1
-        if self._seq >= 0 and item.kind != messages.HELLO:
-            self.lost += (item.seq - self._seq - 1) % 256
+        self.lost += missing(self._seq, item)
         self._seq = item.seq
         if item.tick < self.tick and item.kind == messages.POSE:
             self._begin()
