@@ -367,7 +367,7 @@ def _by_both(
     return np.asarray(rho_p * near / (near.sum() or 1.0) + rho_m * field / field.sum())
 
 
-def _brighter(weights: FloatArray, rng: Generator, t: Tuning) -> FloatArray:
+def brighter(weights: FloatArray, rng: Generator, t: Tuning) -> FloatArray:
     """Whom each particle sees: rows (n,).
 
     Particles heavier than the mean, drawn by how much: a resampling of the residuals. Were it the
@@ -383,7 +383,7 @@ def _brighter(weights: FloatArray, rng: Generator, t: Tuning) -> FloatArray:
 def _fly(cloud: _Cloud, step: _Step, rng: Generator, t: Tuning) -> None:
     p, n = cloud.particles, len(cloud.weights)
     if _few(cloud, t):
-        to = _brighter(cloud.weights, rng, t)
+        to = brighter(cloud.weights, rng, t)
         attraction = t.attraction * np.exp(-n * cloud.weights)
         # None flies to a dimmer one.
         attraction[cloud.weights[to] <= cloud.weights] = 0.0
