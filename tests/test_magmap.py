@@ -16,6 +16,7 @@ from solenav import magmap
 from solenav.datasets import kaist
 from solenav.errors import SolenavError
 from solenav.magmap.positioning import TUNING, brighter, centre
+from solenav.magmap.surveying import variograms_of
 from solenav.recording import FloatArray, Recording, Truth
 
 pytest.importorskip("pykrige")
@@ -120,6 +121,20 @@ def test_the_variogram_grows_with_distance() -> None:
     assert [v.component for v in variograms] == ["x", "y", "up"]
     for one in variograms:
         assert one.at(np.array([5.0]))[0] > one.at(np.array([0.1]))[0] >= one.nugget
+
+
+def test_a_map_keeps_its_variograms(lanes: magmap.MagneticMap, tmp_path: Path) -> None:
+    lanes.save(tmp_path / "hall.magmap.npz")
+    back = magmap.load(tmp_path / "hall.magmap.npz")
+    kept = variograms_of(back)
+    assert [v.component for v in kept] == ["x", "y", "up"]
+    for one, before in zip(kept, variograms_of(lanes), strict=True):
+        assert np.array_equal(one.semivariance, before.semivariance)
+        assert np.array_equal(one.at(one.lags), before.at(before.lags))
+    assert variograms_of(replace(lanes, notes={})) == []
+    for damaged in (3, [{"component": "x"}], [{**lanes.notes["variograms"][0], "lags_m": [1.0]}]):
+        with pytest.raises(SolenavError, match="variograms are damaged"):
+            variograms_of(replace(lanes, notes={"variograms": damaged}))
 
 
 def test_too_small_a_survey_is_refused() -> None:
