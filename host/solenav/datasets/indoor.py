@@ -34,7 +34,7 @@ def read(path: Path, *, foot: str = "right") -> Recording:
     """
     notes: dict[str, str] = {}
     found: dict[str, list[list[float]]] = {name: [] for name in WIDTHS}
-    lines_of: dict[str, list[int]] = {name: [] for name in WIDTHS}
+    lines_of: dict[str, list[int]] = {kind: [] for kind in WIDTHS}
     for number, line in enumerate(checks.read_lines(path, ".txt"), 1):
         cells = line.split("\t")
         if line.startswith("#"):
@@ -63,16 +63,10 @@ def read(path: Path, *, foot: str = "right") -> Recording:
             f"{path} has no acceleration or no rate of turn", "record it again, or another format"
         )
 
-    def place_of(name: str) -> checks.Place:
-        numbers = lines_of[name]
-        return lambda sample: f"{path}, line {numbers[min(sample, len(numbers) - 1)]}"
+    def place_of(kind: str) -> checks.Place:
+        lines = lines_of[kind]
+        return lambda sample: f"{path}, line {lines[min(sample, len(lines) - 1)]}"
 
-    # These are interpolated, which must not hide that they have holes.
-    for name in ("TYPE_GYROSCOPE", "TYPE_MAGNETIC_FIELD"):
-        stamps_s = np.array([row[0] for row in found[name]]) / 1e3
-        if len(stamps_s) > 1:
-            checks.check_increasing(stamps_s, place_of(name), repeats=True)
-            checks.check_gaps(stamps_s, place_of(name))
     place = place_of("TYPE_ACCELEROMETER")
     time_s = accel[:, 0] / 1e3
     checks.check_increasing(time_s, place, repeats=True)
@@ -90,10 +84,10 @@ def read(path: Path, *, foot: str = "right") -> Recording:
         "indoor",
         time_s - time_s[0],
         accel[:, 1:],
-        _on(time_s, gyro),
+        _on(time_s, gyro, place_of("TYPE_GYROSCOPE")),
         place,
         truth,
-        _on(time_s, field) if len(field) else None,
+        _on(time_s, field, place_of("TYPE_MAGNETIC_FIELD")) if len(field) else None,
         **notes,
     )
 
@@ -110,8 +104,11 @@ def read_size(path: Path) -> tuple[float, float]:
         ) from None
 
 
-def _on(time_s: FloatArray, rows: FloatArray) -> FloatArray:
-    """Rows (n, 1 + k), ms first, interpolated at `time_s`, (m, k)."""
-    return np.column_stack(
-        [np.interp(time_s, rows[:, 0] / 1e3, column) for column in rows[:, 1:].T]
-    )
+def _on(time_s: FloatArray, rows: FloatArray, place: checks.Place) -> FloatArray:
+    """Rows (n, 1 + k), ms first, interpolated at `time_s`, (m, k). SolenavError for holes."""
+    at = rows[:, 0] / 1e3
+    checks.check_increasing(at, place, repeats=True)
+    # What lacks at the ends is a hole too.
+    whole = np.r_[time_s[0], np.clip(at, time_s[0], time_s[-1]), time_s[-1]]
+    checks.check_gaps(whole, lambda sample: place(max(sample - 1, 0)))
+    return np.column_stack([np.interp(time_s, at, column) for column in rows[:, 1:].T])
