@@ -125,6 +125,8 @@ def test_the_waist_bridges_a_hole_in_which_the_foot_turned(
     assert off_m(both, recording) < 2.0
     assert both.distance_m == pytest.approx(whole.distance_m, rel=0.05)
     assert (np.diff(both.position_s) > 0).all()
+    # Nothing shorter than a step is left at the hole's edges.
+    assert np.diff(both.position_s).min() >= 0.3
     # Before the hole it is the foot's walk.
     before = both.time_s < CORNER.begin_s - 2.0
     assert before.sum() > 3

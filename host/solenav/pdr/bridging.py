@@ -19,6 +19,7 @@ from solenav.capture.contents import Capture, unwrap
 from solenav.errors import SolenavError
 from solenav.parameters import named
 from solenav.pdr.length import SPREAD
+from solenav.pdr.steps import TUNING
 from solenav.pdr.track import JOINED, StepTrack
 from solenav.recording import FloatArray
 
@@ -146,8 +147,12 @@ class _Joined:
 
 
 def _laid(waist: StepTrack, begin: float, end: float, fit: complex) -> StepTrack:
-    """The waist's steps from `begin` to `end`, those at the edges in part, turned and scaled."""
-    inner = waist.time_s[(waist.time_s > begin) & (waist.time_s < end)]
+    """The waist's steps from `begin` to `end`, turned and scaled.
+
+    Those at the edges are cut there; a sliver shorter than any step goes to the step beside it.
+    """
+    least = TUNING.closest_s
+    inner = waist.time_s[(waist.time_s > begin + least) & (waist.time_s < end - least)]
     edges = np.concatenate([[begin], inner, [end]])
     turn = _turns(np.full(len(edges) - 1, cmath.phase(fit)))
     moved = np.diff(_between(waist.position_s, waist.position, edges), axis=0)
