@@ -59,10 +59,11 @@ def test_a_notebook_watches_lists_and_reads_a_live_board() -> None:
     with SimulatedBoard(STILL, realtime=True) as board:
         with solenav.monitor(board.port) as watches:
             end = time.monotonic() + 20
-            while time.monotonic() < end and not watches[0].live.pose:
+            live = watches[0].live
+            while time.monotonic() < end and live.mode != "navigating":
                 time.sleep(0.05)
             with watches[0].lock:
-                assert watches[0].live.as_dict()["mode"] == "navigating"
+                assert live.as_dict()["mode"] == "navigating" and live.as_dict()["position"]
         assert solenav.download(board.port, only_list=True).free > 0
         names = {line["message"] for line in itertools.islice(solenav.cat(board.port), 40)}
         assert {"POSE", "SAMPLE"} <= names

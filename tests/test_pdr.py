@@ -244,6 +244,9 @@ def test_a_walk_comes_back_from_its_table(
     assert np.cos(back.heading - walk.heading) == pytest.approx(np.ones(count), abs=1e-9)
     assert known is not None and known.frame == "enu"
     assert known.position_enu == pytest.approx(truth.position_enu, abs=1e-5)
+    # Another walk under the same name doesn't get this one's truth.
+    step_table.write(path, walk)
+    assert step_table.read(path)[1] is None
 
 
 @pytest.mark.parametrize(

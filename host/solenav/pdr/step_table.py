@@ -91,7 +91,10 @@ def write(path: Path, walk: StepTrack, truth: Truth | None = None) -> None:
     """Write the table and, beside it, the truth. SolenavError where that fails."""
     try:
         path.write_text(table(walk), encoding="utf-8")
-        if truth is not None:
+        if truth is None:
+            # That of another walk, which had this name before.
+            sidecar.truth_path(path).unlink(missing_ok=True)
+        else:
             sidecar.write_truth(path, truth)
             notes = {"name": walk.name, "truth": sidecar.truth_notes(truth)}
             sidecar.write_sidecar(path, notes)
