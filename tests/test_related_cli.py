@@ -77,9 +77,38 @@ def test_pdr_writes_a_line_a_step(data: Path, tmp_path: Path) -> None:
     steps, points = tmp_path / "steps.csv", kaist / "est-result/ki-gt-s2.json"
     words = ["pdr", trace, "-f", "kaist", "--way-points", points, "--adapt"]
     told = json.loads(run(*words, "-o", steps, "--plot", tmp_path / "steps.png", "--json"))
-    assert len(steps.read_text().splitlines()) == told["steps"] + 1
+    # The heading, the start, and a line a step.
+    assert len(steps.read_text().splitlines()) == told["steps"] + 2
     assert told["distance_m"] == pytest.approx(57.0, rel=0.1)
     assert (tmp_path / "steps.png").stat().st_size > 10_000
+
+
+def test_evaluate_and_plot_take_the_steps_of_pdr(data: Path, tmp_path: Path) -> None:
+    kaist = data / "phone/kaist"
+    trace = kaist / "rawdata/test-KI-1F-S9/200204_221709_063"
+    steps, points = tmp_path / "steps.csv", kaist / "est-result/ki-gt-s2.json"
+    told = json.loads(
+        run("pdr", trace, "-f", "kaist", "--way-points", points, "-o", steps, "--json")
+    )
+    again = json.loads(run("evaluate", steps, "--require-truth", "--json"))
+    assert again["steps"] == told["steps"]
+    assert again["duration_s"] == pytest.approx(told["duration_s"], abs=1e-3)
+    assert again["distance_m"] == pytest.approx(told["distance_m"], rel=1e-6)
+    rmse = again["truth"]["position_rmse_m"]["horizontal"]
+    assert rmse == pytest.approx(told["truth"]["position_rmse_m"]["horizontal"], rel=1e-4)
+    assert again["truth"]["alignment"]["mode"] == "yaw"
+    assert "against the truth, turned and shifted" in run("evaluate", steps)
+    run("plot", steps, "-o", tmp_path / "steps.png")
+    assert (tmp_path / "steps.png").stat().st_size > 10_000
+
+
+def test_steps_that_are_no_table_are_refused(tmp_path: Path) -> None:
+    file = tmp_path / "steps.csv"
+    file.write_text("time_s,x_m\n0,1\n")
+    for words in (("evaluate", file), ("plot", file, "-o", tmp_path / "x.png")):
+        with pytest.raises(SolenavError, match="no column y_m"):
+            run(*words)
+    assert not (tmp_path / "x.png").exists()
 
 
 def test_wrong_outputs_are_refused_before_the_work(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from solenav.errors import SolenavError
 from solenav.recording import FloatArray
 
 WAIST, FOOT = "waist", "foot"
+SOURCES = (WAIST, FOOT)
 
 
 @dataclass(frozen=True)

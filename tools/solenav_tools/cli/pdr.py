@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from dataclasses import replace
 from enum import Enum
 from pathlib import Path
 from typing import Annotated
@@ -11,10 +11,10 @@ import typer
 
 from solenav import evaluation
 from solenav import pdr as reckoning
+from solenav.pdr import step_table
 from solenav.pdr.reckoning import HEADINGS
-from solenav.pdr.track import StepTrack
 from solenav_tools.cli import traces
-from solenav_tools.cli.output import Json, say, say_json, write_text
+from solenav_tools.cli.output import Json, say, say_json
 
 Heading = Enum("Heading", {name: name for name in HEADINGS}, type=str)  # type: ignore[misc]
 _GYRO = Heading("gyro")
@@ -30,20 +30,27 @@ def pdr(
     plot: traces.Picture = None,
     as_json: Json = False,
 ) -> None:
-    """Steps, distance and track of a phone carried in the hand, pointing ahead."""
+    """Steps, distance and track of a phone carried in the hand, pointing ahead.
+
+    `solenav evaluate` and `solenav plot` take the table that --output writes.
+    """
     traces.check_outputs(output, plot)
     recording = traces.read(trace, format, way_points)
     model = reckoning.GENERIC
     if adapt and recording.truth is not None:
         model, _ = reckoning.adapted(recording, recording.truth)
     walk = reckoning.reckon(recording, heading=heading.value, model=model)
-    result = evaluation.evaluate_steps(walk, recording.truth, align="yaw")
+    truth = recording.truth
+    if truth is not None:
+        # The way points' axes are the map's, the walk's begin where the phone pointed.
+        truth = replace(truth, frame="local")
+    result = evaluation.evaluate_steps(walk, truth)
     if output is not None:
-        write_text(output, table(walk))
+        step_table.write(output, walk, truth)
     if plot is not None:
         from solenav import plotting
 
-        plotting.plot_steps(walk, plot)
+        plotting.plot_steps(walk, plot, truth=truth)
     if as_json:
         say_json(result.as_dict() | {"coefficients": model.coefficients.tolist()})
         return
@@ -51,18 +58,3 @@ def pdr(
     if result.truth is not None:
         error = result.truth.position_rmse_m.horizontal
         say(f"RMSE {error:.2f} m at {result.truth.alignment.points} way points, turned to fit")
-
-
-def table(walk: StepTrack) -> str:
-    """A line a step: when and where it ended, its length, heading and deviations."""
-    lines = ["time_s,x_m,y_m,length_m,heading_deg,deviation_x_m,deviation_y_m"]
-    for k in range(len(walk)):
-        x, y = walk.position[k + 1, :2]
-        length = math.hypot(*walk.displacement[k, :2])
-        cov = walk.covariance[k]
-        lines.append(
-            f"{walk.time_s[k]:.3f},{x:.3f},{y:.3f},{length:.3f},"
-            f"{math.degrees(walk.heading[k]) % 360:.1f},{cov[0, 0] ** 0.5:.3f},"
-            f"{cov[1, 1] ** 0.5:.3f}"
-        )
-    return "\n".join(lines) + "\n"
