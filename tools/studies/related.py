@@ -594,7 +594,7 @@ def draw_ways(
             ways = {name: of[k].way for name, of in results.items()}
             figures.draw_walks(panel, case.floor, ways, truth=case.walk.truth, walls=walls)
             panel.set_title(f"KAIST run {k + 1}")
-        panel.legend(loc="center left", fontsize=8)
+        figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=5)
 
 
 def draw_plan(
@@ -612,7 +612,7 @@ def draw_plan(
                 panel, cases[k].floor, ways, truth=cases[k].walk.truth, plan=(image, size)
             )
             panel.set_title(cases[k].walk.name[-8:])
-        panel.legend(loc="best", fontsize=8)
+        figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=5)
 
 
 def study(data: Path) -> None:
