@@ -55,6 +55,23 @@ def test_a_map_of_another_floor_is_refused(data: Path, tmp_path: Path) -> None:
         run("locate", trace, "-f", "kaist", "--map", map_file, "--start", "40,28")
 
 
+def test_a_trace_of_another_floor_or_without_magnetometer_makes_no_map(
+    data: Path, tmp_path: Path
+) -> None:
+    walk = data / "phone/indoor_competition/site2/F8/path_data_files/5dd4da9e50e04e0006f55f21.txt"
+    text = walk.read_text("utf-8")
+    above, blind = tmp_path / "above.txt", tmp_path / "blind.txt"
+    above.write_text(text.replace("FloorName:F8", "FloorName:F9"), "utf-8")
+    lines = text.splitlines(keepends=True)
+    blind.write_text("".join(line for line in lines if "MAGNETIC" not in line), "utf-8")
+    map_file = tmp_path / "F8.magmap.npz"
+    with pytest.raises(SolenavError, match="several floors"):
+        run("magmap", "build", walk, above, "-o", map_file)
+    with pytest.raises(SolenavError, match="blind has no magnetometer"):
+        run("magmap", "build", walk, blind, "-o", map_file)
+    assert not map_file.exists()
+
+
 def test_pdr_writes_a_line_a_step(data: Path, tmp_path: Path) -> None:
     kaist = data / "phone/kaist"
     trace = kaist / "rawdata/test-KI-1F-S9/200204_221709_063"

@@ -86,6 +86,9 @@ def draw_walks(
             axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     axes.grid(False)
     axes.set_aspect("equal")
+    # The map's edge is no edge for walks that begin on it.
+    axes.use_sticky_edges = False
+    axes.autoscale_view()
     axes.set_xlabel("x, m")
     axes.set_ylabel("y, m")
 

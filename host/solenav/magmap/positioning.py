@@ -87,7 +87,8 @@ class Located:
 
     `track` are the steps, from place to place of the filter's mean, with the cloud's covariance
     differences left out: `spread` (n + 1,) m is the cloud's deviation at each place instead.
-    `renewed` counts resamplings, `anew` fresh starts; `seconds_per_step` is the filter's own time.
+    `renewed` counts resamplings, `anew` fresh starts; `seconds_per_step` is the filter's
+    own time on the processor.
     """
 
     filter: str
@@ -226,7 +227,7 @@ def locate(
     rng = np.random.default_rng(seed)
     cloud = _begin(np.array(start, np.float64), turn, unsure, rng, tuning)
     places, spread = [cloud.place], [tuning.start_m]
-    clock = time.perf_counter()
+    clock = time.thread_time()
     for length, yaw_, turned, felt, change in zip(
         walk.lengths.tolist(), yaw.tolist(), changes.tolist(), mean, disturbed.tolist(), strict=True
     ):
@@ -235,7 +236,7 @@ def locate(
         places.append(cloud.place)
         off = cloud.particles[:, :2] - cloud.place
         spread.append(math.sqrt(float(cloud.weights @ (off * off).sum(axis=1))))
-    seconds = (time.perf_counter() - clock) / len(yaw)
+    seconds = (time.thread_time() - clock) / len(yaw)
     where = np.array(places)
     moved = np.column_stack([np.diff(where, axis=0), np.zeros(len(yaw))])
     covariance = np.zeros((len(yaw), 3, 3))
