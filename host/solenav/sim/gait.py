@@ -59,6 +59,7 @@ class Style:
 
 BRISK = Style(1.2, 1.05, 0.61, 0.14, math.radians(58), math.radians(24), 40.0)
 SLOW = Style(0.8, 1.8, 0.44, 0.12, math.radians(50), math.radians(20), 28.0)
+FAST = Style(1.5, 0.88, 0.64, 0.16, math.radians(62), math.radians(26), 55.0)
 
 
 @dataclass(frozen=True)
@@ -322,6 +323,18 @@ def loop(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
     return walk(path, BRISK, rng, 15.0, 85.0 if duration_s is None else duration_s)
 
 
+def corridor(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
+    """Once around a corridor of 38 m by 60 m (193 m), back to the start, after a minute's rest."""
+    path = rounded_rectangle(60.0, 38.0, 2.0, yaw=math.radians(-40))
+    return walk(path, BRISK, rng, 60.0, 240.0 if duration_s is None else duration_s)
+
+
+def corridor_fast(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
+    """The same corridor at 1.7 m/s, where `corridor` is walked at 1.1 m/s."""
+    path = rounded_rectangle(60.0, 38.0, 2.0, yaw=math.radians(-40))
+    return walk(path, FAST, rng, 60.0, 185.0 if duration_s is None else duration_s)
+
+
 def stand(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
     """The foot stands still, pointing North."""
     duration = 60.0 if duration_s is None else duration_s
@@ -342,5 +355,7 @@ SCENARIOS: dict[str, Callable[[np.random.Generator, float | None], Gait]] = {
     "line35": line35,
     "loop": loop,
     "laps": laps,
+    "corridor": corridor,
+    "corridor-fast": corridor_fast,
     "stand": stand,
 }
