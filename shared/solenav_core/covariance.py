@@ -10,19 +10,19 @@ from solenav_core.qmath import clamp, mulsat, mulshift
 
 _LIMIT = const(0x3FFFFFFF)  # 16 (m/s)², 64 m²/s and m², 4 rad m/s and rad m, 1 rad²
 
-_S_P_VV = const(90)
-_S_P_PV = const(93)
-_S_P_PP = const(96)
-_S_P_VT = const(99)
-_S_P_PT = const(101)
-_S_P_TT = const(103)
-_S_DP_VV = const(105)
+_S_P_VV = const(410)
+_S_P_PV = const(413)
+_S_P_PP = const(416)
+_S_P_VT = const(419)
+_S_P_PT = const(421)
+_S_P_TT = const(423)
+_S_DP_VV = const(425)
 _P_DT = const(41)
-_P_GAMMA = const(62)
-_P_GAMMA2 = const(63)
-_P_Q_VV_H = const(64)
-_P_Q_VV_U = const(65)
-_P_Q_TT = const(66)
+_P_GAMMA = const(75)
+_P_GAMMA2 = const(76)
+_P_Q_VV_H = const(77)
+_P_Q_VV_U = const(78)
+_P_Q_TT = const(79)
 
 
 @micropython.viper

@@ -60,6 +60,23 @@ PARAM_FIELDS = (
     ("RATE_MAX", "Q2 counts", "C2: |rate| below this"),
     ("VAR_MAX", "Q14 (m/s²)²", "C3: sum of squared deviations of |a| over the window below this"),
     ("WINDOW", "ticks", "C3: window length, at most 31"),
+    (
+        "DETECTOR",
+        "",
+        "stance by 0: C1 to C3; 1: GLRT, one threshold; 2: GLRT, the motion's threshold",
+    ),
+    ("GLRT_WINDOW", "ticks", "GLRT: window length, at most 31"),
+    ("GLRT_ACC", "Q17", "GLRT: T, Q5, for each Q12 (m/s²)² of the window's sum"),
+    ("GLRT_RATE", "Q17", "GLRT: T, Q5, for each (2 counts)² of the window's sum"),
+    ("GLRT_MAX", "Q5", "GLRT: T below this where the motion is unknown or doesn't matter"),
+    ("GLRT_STILL", "Q5", "GLRT: T below this, standing"),
+    ("GLRT_WALK", "Q5", "GLRT: T below this, walking"),
+    ("GLRT_RUN", "Q5", "GLRT: T below this, running"),
+    ("GLRT_UP", "Q5", "GLRT: T below this, on stairs upwards"),
+    ("GLRT_DOWN", "Q5", "GLRT: T below this, on stairs downwards"),
+    ("MOTION_BLOCK", "pairs of ticks", "half a window of the motion's features; 0: none"),
+    ("MOTION_SHARE", "Q8", "a motion with a smaller share of the vote is unknown"),
+    ("MOTION_HOLD", "windows", "so many in a row change the motion"),
     ("UNREST_RATE", "Q24", "T: share of the squared rate, in Q8 per (2 counts)²"),
     ("UNREST_ACC", "Q24", "T: share of the squared deviation of |a| from g, Q8 per Q14 (m/s²)²"),
     ("UNREST_GROWTH", "Q30", "growth of the least T on each tick"),
@@ -134,6 +151,11 @@ def conflict(params):
         return (
             "STILL_RATE and STILL_GAIN together overflow the core's word",
             "lower the still rate or lengthen the still time constant",
+        )
+    if 0 < found["MOTION_BLOCK"] < 16:
+        return (
+            "MOTION_BLOCK is too short for a forest to be asked in",
+            "make the block at least 32 ticks long (MOTION_BLOCK 16), or 0 for no motion",
         )
     return None
 

@@ -21,7 +21,6 @@ from solenav.engines import fast
 from solenav.engines.source import kernels
 from solenav.recording import FloatArray
 from solenav_core import layout, navigator
-from solenav_core.tables.lookup import TABLES
 
 _S = layout.offsets(layout.STATE_FIELDS)
 
@@ -158,7 +157,7 @@ def trace(
         np.frombuffer(state, np.int32),
         np.frombuffer(params, np.int32),
         work,
-        np.array(TABLES, np.int32),
+        np.frombuffer(navigator.new_tables(), np.int32),
         np.zeros(layout.size(layout.SAMPLE_FIELDS), np.int32),
         np.ascontiguousarray(counts, np.int16),
         np.full(len(counts), -1, np.int8) if imposed is None else imposed.astype(np.int8),
