@@ -72,9 +72,7 @@ def windows(
         state = runner.state
         at = _S["SUMS"] + layout.FEATURES * features.slot(state[_S["BLOCK_SLOT"]])
         rows.append(row - 1)
-        since = (
-            state[_S["BLOCK_FILL"]] * state[_S["STRIDE"]] + state[_S["STRIDE"]] - state[_S["PAUSE"]]
-        )
+        since = (state[_S["BLOCK_FILL"]] + 1) * state[_S["STRIDE"]] - state[_S["PAUSE"]]
         lasts.append(row - 1 - since)
         found.append(state[at : at + layout.FEATURES])
         scores.append(state[_S["SCORE"] : _S["SCORE"] + layout.CLASSES])
