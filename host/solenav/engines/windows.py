@@ -59,8 +59,8 @@ def windows(
 ) -> Windows:
     """Run the core from nothing over `counts` (n, 6 or 10) and keep its windows.
 
-    A window is of 128 samples, MOTION_STRIDE apart; `forest` replaces the shipped one. SolenavError for an
-    unknown engine.
+    A window is of 128 samples, MOTION_STRIDE apart; `forest` replaces the shipped one.
+    SolenavError for an unknown engine.
     """
     runner = engines.create(engine or engines.default_name(), params, forest)
     rows, lasts, found, scores, motions = [], [], [], [], []
