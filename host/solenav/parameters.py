@@ -53,7 +53,7 @@ class Settings:
     glrt_run: float = 640_000.0
     glrt_up: float = 640_000.0  # upstairs
     glrt_down: float = 640_000.0
-    motion_block_s: float = 0.64  # half the window whose features tell the motion; 0: none
+    motion_window_s: float = 1.28  # whose features tell the motion, of 128 samples; 0: none
     motion_share: float = 0.5  # of the vote; with less the motion is unknown
     motion_hold: int = 2  # windows in a row that change the motion
     unrest_rate_dps: float = 5.0  # sigma of the rate in T
@@ -123,7 +123,7 @@ def _limits() -> dict[str, tuple[int, int]]:
         "GLRT_ACC": (0, 2**25 - 1),
         "GLRT_RATE": (0, 2**25 - 1),
         **{f"GLRT_{name}": (0, 2**25) for name in ("MAX", "STILL", "WALK", "RUN", "UP", "DOWN")},
-        "MOTION_BLOCK": (0, 256),
+        "MOTION_STRIDE": (0, 32767),
         "MOTION_SHARE": (0, 256),
         "MOTION_HOLD": (1, 32767),
         "UNREST_RATE": (0, 2**24),
@@ -181,6 +181,7 @@ def to_integers(settings: Settings, rate_hz: float) -> array[int]:
     window = max(1, round(s.window_s * rate_hz))
     glrt_window = max(1, round(s.glrt_window_s * rate_hz))
     noise = s.observation_noise * relative
+    stride = max(1, round(s.motion_window_s * rate_hz / 128)) if s.motion_window_s else 0
 
     # An AK8975 gives at most a reading every 10 ms; a share of the error is taken on each.
     reading = max(dt, 0.01)
@@ -224,7 +225,7 @@ def to_integers(settings: Settings, rate_hz: float) -> array[int]:
         "GLRT_RUN": q(s.glrt_run, 5),
         "GLRT_UP": q(s.glrt_up, 5),
         "GLRT_DOWN": q(s.glrt_down, 5),
-        "MOTION_BLOCK": round(s.motion_block_s * rate_hz / 2),
+        "MOTION_STRIDE": stride,
         "MOTION_SHARE": q(s.motion_share, 8),
         "MOTION_HOLD": s.motion_hold,
         "UNREST_RATE": round(2**32 * (2 / (s.unrest_rate_dps * counts_per_dps)) ** 2),

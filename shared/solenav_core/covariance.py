@@ -10,13 +10,13 @@ from solenav_core.qmath import clamp, mulsat, mulshift
 
 _LIMIT = const(0x3FFFFFFF)  # 16 (m/s)², 64 m²/s and m², 4 rad m/s and rad m, 1 rad²
 
-_S_P_VV = const(410)
-_S_P_PV = const(413)
-_S_P_PP = const(416)
-_S_P_VT = const(419)
-_S_P_PT = const(421)
-_S_P_TT = const(423)
-_S_DP_VV = const(425)
+_S_P_VV = const(411)
+_S_P_PV = const(414)
+_S_P_PP = const(417)
+_S_P_VT = const(420)
+_S_P_PT = const(422)
+_S_P_TT = const(424)
+_S_DP_VV = const(426)
 _P_DT = const(41)
 _P_GAMMA = const(75)
 _P_GAMMA2 = const(76)

@@ -27,18 +27,17 @@ WORDS_MAX = 4096
 _TREES = const(4)  # asked in one tick
 _CLASSES = const(5)
 _FEATURES = const(56)
-_DESCRIBED = const(12)  # features.DESCRIBED
 _WEIGHT = const(63)
 _IDLE = const(255)
 
-_S_BLOCK_SLOT = const(209)
-_S_STAGE = const(211)
-_S_SUMS = const(212)
-_S_SCORE = const(380)
-_S_VOTE = const(385)
-_S_RIVAL = const(390)
-_S_RIVAL_WINDOWS = const(391)
-_S_MOTION = const(392)
+_S_BLOCK_SLOT = const(210)
+_S_STAGE = const(212)
+_S_SUMS = const(213)
+_S_SCORE = const(381)
+_S_VOTE = const(386)
+_S_RIVAL = const(391)
+_S_RIVAL_WINDOWS = const(392)
+_S_MOTION = const(393)
 _P_MOTION_SHARE = const(65)
 _P_MOTION_HOLD = const(66)
 _T_FOREST = const(573)
@@ -90,35 +89,21 @@ def _tree(words, at, end):
 
 
 @micropython.viper
-def ask(s: ptr32, t: ptr32, base: int, first: int) -> int:
-    """The scores of trees `first` to first + 3 for the features at s[base] into state SCORE.
-
-    1 if there are more trees.
-    """
-    tree = 0
-    if first == 0:
-        while tree < _CLASSES:
-            s[_S_SCORE + tree] = 0
-            tree = tree + 1
-    tree = first
-    while tree < first + _TREES:
-        if tree >= t[_T_FOREST]:
-            return 0
-        at = _T_FOREST + t[_T_FOREST + 1 + tree]
+def ask(at: int, s: ptr32, t: ptr32, base: int) -> int:
+    """Walk the tree at t[at] for the features at s[base]; its leaf's weights into state SCORE."""
+    node = t[at]
+    while node >= 0:
+        if s[base + (node & 63)] <= ((node >> 6) & 8191) - 4096:
+            at = at + 1
+        else:
+            at = at + (node >> 19)
         node = t[at]
-        while node >= 0:
-            if s[base + (node & 63)] <= ((node >> 6) & 8191) - 4096:
-                at = at + 1
-            else:
-                at = at + (node >> 19)
-            node = t[at]
-        s[_S_SCORE] = s[_S_SCORE] + (node & _WEIGHT)
-        s[_S_SCORE + 1] = s[_S_SCORE + 1] + ((node >> 6) & _WEIGHT)
-        s[_S_SCORE + 2] = s[_S_SCORE + 2] + ((node >> 12) & _WEIGHT)
-        s[_S_SCORE + 3] = s[_S_SCORE + 3] + ((node >> 18) & _WEIGHT)
-        s[_S_SCORE + 4] = s[_S_SCORE + 4] + ((node >> 24) & _WEIGHT)
-        tree = tree + 1
-    return int(tree < t[_T_FOREST])
+    s[_S_SCORE] = s[_S_SCORE] + (node & _WEIGHT)
+    s[_S_SCORE + 1] = s[_S_SCORE + 1] + ((node >> 6) & _WEIGHT)
+    s[_S_SCORE + 2] = s[_S_SCORE + 2] + ((node >> 12) & _WEIGHT)
+    s[_S_SCORE + 3] = s[_S_SCORE + 3] + ((node >> 18) & _WEIGHT)
+    s[_S_SCORE + 4] = s[_S_SCORE + 4] + ((node >> 24) & _WEIGHT)
+    return 0
 
 
 @micropython.viper
@@ -150,12 +135,26 @@ def elect(s: ptr32, p: ptr32) -> int:
 
 
 @micropython.viper
-def classify(s: ptr32, p: ptr32, t: ptr32, stage: int) -> int:
-    """Ask a few trees, `stage` counted from the first; 1 once the window is dealt with."""
+def classify(s: ptr32, p: ptr32, t: ptr32, tree: int) -> int:
+    """Ask four trees, from `tree` on, about the last window; after the last of all count the vote.
+
+    1 once the window is dealt with.
+    """
     base = s[_S_BLOCK_SLOT] + 1
     if base > 2:
         base = 0
-    if int(ask(s, t, _S_SUMS + _FEATURES * base, _TREES * stage)):
+    base = _S_SUMS + _FEATURES * base
+    i = 0
+    if tree == 0:
+        while i < _CLASSES:
+            s[_S_SCORE + i] = 0
+            i = i + 1
+    i = 0
+    while i < _TREES and tree < t[_T_FOREST]:
+        int(ask(_T_FOREST + t[_T_FOREST + 1 + tree], s, t, base))
+        tree = tree + 1
+        i = i + 1
+    if tree < t[_T_FOREST]:
         return 0
     int(elect(s, p))
     s[_S_STAGE] = _IDLE

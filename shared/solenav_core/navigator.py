@@ -13,7 +13,7 @@ from solenav_core.calibration import condition
 from solenav_core.compat import const, micropython, ptr32
 from solenav_core.covariance import grow
 from solenav_core.detector import collect, detect, push
-from solenav_core.features import observe_motion
+from solenav_core.features import observe_motion, summarise
 from solenav_core.forest import classify
 from solenav_core.heading import steer
 from solenav_core.layout import SAMPLE_FIELDS, STATE_FIELDS, WORK_FIELDS, offsets, size
@@ -35,7 +35,7 @@ STEERED = 64  # the magnetometer corrected the heading
 CLASSIFIED = 128  # the forest has had its say on a window, whose features are in the state
 
 _TOP = const(0x3FFFFFFF)
-_DESCRIBED = const(12)  # features.DESCRIBED
+_IDLE = const(255)  # features: STAGE of a window that is dealt with
 _MAG_NEW = const(8)  # messages.MAG_NEW
 
 _S_TICK = const(0)
@@ -45,16 +45,18 @@ _S_GAPS = const(9)
 _S_AL_DONE = const(12)
 _S_STANCE = const(36)
 _S_STILL_TICKS = const(38)
-_S_BIAS = const(406)
-_S_BLOCK_SIZE = const(207)
-_S_SWING_TICKS = const(428)
-_S_OBSERVED = const(431)
-_S_SINCE_CONSISTENT = const(433)
-_S_POS_LAST = const(842)
-_S_POS_REF = const(845)
+_S_BIAS = const(407)
+_S_STRIDE = const(207)
+_S_PAUSE = const(208)
+_S_STAGE = const(212)
+_S_SWING_TICKS = const(429)
+_S_OBSERVED = const(432)
+_S_SINCE_CONSISTENT = const(434)
+_S_POS_LAST = const(843)
+_S_POS_REF = const(846)
 _P_BIAS_MAX = const(48)
 _P_DETECTOR = const(54)
-_P_MOTION_BLOCK = const(64)
+_P_MOTION_STRIDE = const(64)
 _P_STILL_TICKS = const(73)
 _P_STILL_GAIN = const(74)
 _P_FREEZE_TICKS = const(80)
@@ -110,7 +112,7 @@ _KEPT = ("TICK", "MOUNT", "ATT", "POS", "CELL", "BIAS", "GRAVITY", "RNG", "STEPS
 _KEPT += ("HEADING_LAST", "RESUMED", "MAG_NORM", "MAG_UP", "MAG_AZ")
 SAVED = sum([_WORDS[name] for name in _KEPT])
 _FRESH = ("MODE", "AL_COUNT", "AL_DONE", "AL_BEST", "RING_HEAD", "RING_FILL", "STILL_TICKS")
-_FRESH += ("STANCE", "OBSERVED", "GLRT_FILL", "BLOCK_SIZE", "MOTION")
+_FRESH += ("STANCE", "OBSERVED", "GLRT_FILL", "STRIDE", "PAUSE", "MOTION")
 
 
 def resume(state):
@@ -233,10 +235,19 @@ def tick(s: ptr32, p: ptr32, w: ptr32, t: ptr32, m: ptr32) -> int:
         int(grow(s, p))
     if s[_S_SINCE_CONSISTENT] < _TOP:
         s[_S_SINCE_CONSISTENT] = s[_S_SINCE_CONSISTENT] + 1
-    if p[_P_MOTION_BLOCK] or s[_S_BLOCK_SIZE]:
-        stage = int(observe_motion(s, p, w)) - _DESCRIBED
-        if stage > 0:
-            events = events | int(classify(s, p, t, stage - 1)) << 7
+    if p[_P_MOTION_STRIDE] or s[_S_STRIDE]:
+        pause = s[_S_PAUSE] - 1
+        s[_S_PAUSE] = pause
+        if pause < 1:
+            int(observe_motion(s, p, w))
+        # Between two samples there is time for what the last window still needs.
+        stage = s[_S_STAGE]
+        if stage < _IDLE and (pause > 0 or p[_P_MOTION_STRIDE] < 2):
+            s[_S_STAGE] = stage + 1
+            if stage < 2:
+                int(summarise(s, stage))
+            else:
+                events = events | int(classify(s, p, t, (stage - 2) << 2)) << 7
     if int(detect(s, p, w)) == 0:
         if s[_S_SWING_TICKS] < _TOP:
             s[_S_SWING_TICKS] = s[_S_SWING_TICKS] + 1

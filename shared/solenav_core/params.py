@@ -74,7 +74,7 @@ PARAM_FIELDS = (
     ("GLRT_RUN", "Q5", "GLRT: T below this, running"),
     ("GLRT_UP", "Q5", "GLRT: T below this, on stairs upwards"),
     ("GLRT_DOWN", "Q5", "GLRT: T below this, on stairs downwards"),
-    ("MOTION_BLOCK", "pairs of ticks", "half a window of the motion's features; 0: none"),
+    ("MOTION_STRIDE", "ticks", "between samples of a window, which has 128; 0: no motion is told"),
     ("MOTION_SHARE", "Q8", "a motion with a smaller share of the vote is unknown"),
     ("MOTION_HOLD", "windows", "so many in a row change the motion"),
     ("UNREST_RATE", "Q24", "T: share of the squared rate, in Q8 per (2 counts)²"),
@@ -151,11 +151,6 @@ def conflict(params):
         return (
             "STILL_RATE and STILL_GAIN together overflow the core's word",
             "lower the still rate or lengthen the still time constant",
-        )
-    if 0 < found["MOTION_BLOCK"] < 16:
-        return (
-            "MOTION_BLOCK is too short for a forest to be asked in",
-            "make the block at least 32 ticks long (MOTION_BLOCK 16), or 0 for no motion",
         )
     return None
 

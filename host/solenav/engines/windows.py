@@ -59,8 +59,8 @@ def windows(
 ) -> Windows:
     """Run the core from nothing over `counts` (n, 6 or 10) and keep its windows.
 
-    A window is of 4 MOTION_BLOCK samples; `forest` replaces the shipped one. SolenavError for an
-    unknown engine.
+    A window is of 128 samples, MOTION_STRIDE apart; `forest` replaces the shipped one.
+    SolenavError for an unknown engine.
     """
     runner = engines.create(engine or engines.default_name(), params, forest)
     rows, lasts, found, scores, motions = [], [], [], [], []
@@ -72,7 +72,8 @@ def windows(
         state = runner.state
         at = _S["SUMS"] + layout.FEATURES * features.slot(state[_S["BLOCK_SLOT"]])
         rows.append(row - 1)
-        lasts.append(row - 1 - state[_S["BLOCK_TICKS"]])
+        since = (state[_S["BLOCK_FILL"]] + 1) * state[_S["STRIDE"]] - state[_S["PAUSE"]]
+        lasts.append(row - 1 - since)
         found.append(state[at : at + layout.FEATURES])
         scores.append(state[_S["SCORE"] : _S["SCORE"] + layout.CLASSES])
         motions.append(state[_S["MOTION"]])

@@ -72,7 +72,7 @@ PARAMS = array(
         20480000,  # GLRT_RUN
         20480000,  # GLRT_UP
         20480000,  # GLRT_DOWN
-        64,  # MOTION_BLOCK
+        2,  # MOTION_STRIDE
         128,  # MOTION_SHARE
         2,  # MOTION_HOLD
         2555007,  # UNREST_RATE
@@ -187,7 +187,7 @@ LEAST = array(
         0,  # GLRT_RUN
         0,  # GLRT_UP
         0,  # GLRT_DOWN
-        0,  # MOTION_BLOCK
+        0,  # MOTION_STRIDE
         0,  # MOTION_SHARE
         1,  # MOTION_HOLD
         0,  # UNREST_RATE
@@ -302,7 +302,7 @@ LARGEST = array(
         33554432,  # GLRT_RUN
         33554432,  # GLRT_UP
         33554432,  # GLRT_DOWN
-        256,  # MOTION_BLOCK
+        32767,  # MOTION_STRIDE
         256,  # MOTION_SHARE
         32767,  # MOTION_HOLD
         16777216,  # UNREST_RATE
