@@ -40,7 +40,8 @@ COURSES = ("run", "stairs", "modes")
 """Simulated scenarios with every motion in them."""
 _WEIGHT = 63
 _THRESHOLDS = (-4096, 4095)
-_BLOCK = core.NAMES.index("MOTION_BLOCK")
+_STRIDE = core.NAMES.index("MOTION_STRIDE")
+_SAMPLES = 128  # of a window
 
 
 @dataclass(frozen=True)
@@ -160,8 +161,8 @@ def examples(
     if not certain.any():
         raise SolenavError(
             f"{name}: no window of motion lies within a label",
-            f"a window is {4 * params[_BLOCK] / (params[0] / 1000):.2f} s long, and there are "
-            "none before the static start: label longer stretches",
+            f"a window is {_SAMPLES * params[_STRIDE] / (params[0] / 1000):.2f} s long, and there "
+            "are none before the static start: label longer stretches",
         )
     return Examples(
         name,
@@ -183,7 +184,7 @@ def _mode_of(found: Windows, labels: Sequence[Label], params: array[int]) -> Int
     """(k,) index into MODES of the label that a window lies within, else -1."""
     rate_hz = params[0] / 1000
     end = found.last / rate_hz
-    start = (found.last + 1 - 4 * params[_BLOCK]) / rate_hz
+    start = (found.last + 1 - _SAMPLES * params[_STRIDE]) / rate_hz
     mode = np.full(len(end), -1, np.int64)
     for label in labels:
         mode[(start >= label.start_s) & (end <= label.end_s)] = MODES.index(label.mode)

@@ -64,6 +64,7 @@ class Style:
 
 BRISK = Style(1.2, 1.05, 0.61, 0.14, math.radians(58), math.radians(24), 40.0)
 SLOW = Style(0.8, 1.8, 0.44, 0.12, math.radians(50), math.radians(20), 28.0)
+FAST = Style(1.6, 0.92, 0.66, 0.16, math.radians(62), math.radians(28), 60.0)
 RUN = Style(
     2.1, 0.72, 0.86, 0.26, math.radians(80), math.radians(16), 110.0, variation=0.05, mode="run"
 )
@@ -483,8 +484,8 @@ def stairs(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
 
 
 def modes(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
-    """Walking, a rest, running, walking, two flights up, walking, two flights down, walking."""
-    slow, brisk, running = (person(style, rng) for style in (SLOW, BRISK, RUN))
+    """Walking at three paces, running, two flights up, two flights down, rests between."""
+    slow, brisk, fast, running = (person(style, rng) for style in (SLOW, BRISK, FAST, RUN))
     up, down = (_flights(person(style, rng), brisk) for style in (UPSTAIRS, DOWNSTAIRS))
     half_round = (*_TURN, (12.0, 0.0))
     legs = (
@@ -492,6 +493,7 @@ def modes(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
         Leg(brisk, ((15.0, 0.0), *half_round)),
         Leg(running, ((20.0, 0.0), (math.pi * 6.0, 1 / 6.0), (20.0, 0.0))),
         Leg(brisk, ((12.0, 0.0),), rest_s=3.0),
+        Leg(fast, ((24.0, 0.0),)),
         Leg(brisk, ((4.0, 0.0),)),
         *up,
         Leg(brisk, half_round, rest_s=3.0),
