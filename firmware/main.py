@@ -32,10 +32,10 @@ def main():
 
     gc.threshold(-1)
     gc.collect()
-    settings, params, problems = config.load()
+    settings, params, forest, problems = config.load()
     __import__(settings["board"])
     board = sys.modules[settings["board"]].open()
-    application = Application(board, settings, params, problems, failed_test)
+    application = Application(board, settings, params, forest, problems, failed_test)
     try:
         application.run()
     except Exception as error:

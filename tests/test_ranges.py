@@ -19,7 +19,6 @@ from solenav import parameters
 from solenav.engines import checked, ranges, source
 from solenav.sim import torture
 from solenav_core import layout, navigator, params
-from solenav_core.tables.lookup import TABLES
 
 Words = dict[str, tuple[int, ...]]
 
@@ -73,7 +72,7 @@ def test_the_torture_set_stays_within_the_word_at_other_rates(rate: float) -> No
         work, sample = navigator.new_work(), navigator.new_sample()
         for row in case.counts.tolist():
             sample[:] = array("i", row)
-            kernels["tick"](state, PARAMS[rate], work, array("i", TABLES), sample)
+            kernels["tick"](state, PARAMS[rate], work, navigator.new_tables(), sample)
 
 
 def test_the_torture_set_is_the_same_on_every_machine() -> None:
@@ -207,7 +206,7 @@ class Bench:
         self.w = navigator.new_work()
         self.m = navigator.new_sample()
         self.p = PARAMS[rate]
-        self.t = array("i", TABLES)
+        self.t = navigator.new_tables()
 
     def work(self, name: str, *values: int) -> None:
         for i, value in enumerate(values):
@@ -258,7 +257,7 @@ def test_clamp(x: int, limit: int) -> None:
 
 @given(integers(1 - 2**29, 2**29 - 1), integers(1 - 2**29, 2**29 - 1))
 def test_azimuth(east: int, north: int) -> None:
-    kernels["azimuth"](east, north, array("i", TABLES))
+    kernels["azimuth"](east, north, navigator.new_tables())
 
 
 @given(attitudes, attitudes, st.integers(0, 1))

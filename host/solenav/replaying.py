@@ -86,7 +86,9 @@ def _pack_sample(buffer: bytearray, at: int, samples: Samples, row: int) -> int:
     return at + messages.SIZES[messages.SAMPLE]
 
 
-def _opening(pen: _Pen, params: array[int], text: str, pose_every: int) -> bytes:
+def _opening(
+    pen: _Pen, params: array[int], text: str, pose_every: int, forest: array[int] | None = None
+) -> bytes:
     """HELLO and PARAMS of a run made on the host."""
     hello = bytearray(_BUFFER)
     messages.pack_into(
@@ -96,6 +98,7 @@ def _opening(pen: _Pen, params: array[int], text: str, pose_every: int) -> bytes
         messages.SCHEMA,
         int(fingerprint()[:8], 16),
         crc32(params),
+        navigator.forest_hash(navigator.new_tables(forest)),
         params[messages.NAMES.index("RATE_MHZ")],
         pose_every,
         0,
@@ -159,6 +162,7 @@ def replay(
     path: Path,
     *,
     engine: str | None = None,
+    forest: array[int] | None = None,
     pose_every: int = 1,
     snapshot_s: float = 10.0,
     progress: Callable[[int], None] = lambda done: None,
@@ -166,19 +170,19 @@ def replay(
     """Run an engine over all samples of a capture, as one run, and write the frames of it.
 
     A POSE on every `pose_every`-th tick, a SNAPSHOT every `snapshot_s` seconds; parameters change
-    where they did on the board. `progress` gets the number of samples done now and then.
-    SolenavError where there is nothing to run on.
+    where they did on the board. `forest` (words) replaces the shipped one. `progress` gets the
+    number of samples done now and then. SolenavError where there is nothing to run on.
     """
     capture.need_samples()
     params = capture.params[0][1][:]
     changes = parameter_changes(capture)
     samples = samples_of(capture)
-    runner = engines.create(engine or engines.default_name(), params)
+    runner = engines.create(engine or engines.default_name(), params, forest)
     rows = samples.words
     every = round(snapshot_s * capture.rate_hz())
     pen = _Pen()
     with CaptureWriter(path, flush=False) as writer:
-        writer.write(0.0, _opening(pen, params, f"replay on {engine}", pose_every))
+        writer.write(0.0, _opening(pen, params, f"replay on {engine}", pose_every, forest))
         for row in range(len(samples.counts)):
             if changes.get(row, params) != params:
                 params[:] = changes[row]

@@ -26,7 +26,6 @@ from solenav_core import (
 from solenav_core.layout import STATE_FIELDS, WORK_FIELDS, offsets
 from solenav_core.params import NAMES
 from solenav_core.tables.defaults import PARAMS
-from solenav_core.tables.lookup import TABLES
 
 _AT = offsets(STATE_FIELDS)
 _RATE = offsets(WORK_FIELDS)["RATE"]
@@ -54,7 +53,7 @@ class _Bench:
         self.w = navigator.new_work()
         self.m = navigator.new_sample()
         self.p = PARAMS
-        self.t = TABLES
+        self.t = navigator.new_tables()
         self.x = 12345
         self.crc = 0
 

@@ -7,30 +7,30 @@ EXPECTED = (
     1501789533,  # isqrt
     3575841464,  # clamp
     1056304096,  # azimuth
-    761548782,  # turn
-    211428604,  # to_nav
-    2725587939,  # condition
-    2176900066,  # steer
-    4212343270,  # propagate
-    2055865173,  # recentre
-    1935532804,  # full speed
-    3741242421,  # push
-    1376448615,  # slower
-    2658781899,  # unrest
-    1988079499,  # detect
-    3388358364,  # grow
-    2136442180,  # shrink
-    886593106,  # head
-    3017137241,  # level
-    280019027,  # align
-    770466833,  # settle
-    2338124254,  # roots
-    1587386778,  # ratio
-    3137137066,  # feed_back
-    3548458509,  # observe
-    106487773,  # adapt
-    2335376611,  # weigh
-    843225300,  # update
-    1126043089,  # stood
-    3883245729,  # tick
+    4049426349,  # turn
+    785113015,  # to_nav
+    3926747029,  # condition
+    1173992216,  # steer
+    3198617192,  # propagate
+    1454964537,  # recentre
+    3018620681,  # full speed
+    2443618570,  # push
+    2303257734,  # slower
+    982498896,  # unrest
+    1659655993,  # detect
+    42654537,  # grow
+    4030280480,  # shrink
+    200701663,  # head
+    1772963513,  # level
+    731724097,  # align
+    2243542930,  # settle
+    3696096636,  # roots
+    2925239759,  # ratio
+    3269875808,  # feed_back
+    3118022708,  # observe
+    3020285947,  # adapt
+    3061646494,  # weigh
+    3631048189,  # update
+    2371661300,  # stood
+    2145327083,  # tick
 )
