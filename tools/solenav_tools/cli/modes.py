@@ -156,8 +156,9 @@ def _about(forest: Path) -> str:
             f"{path} doesn't say what the forest was trained on: {error}",
             "delete it, or train anew",
         ) from None
-    walks = f"{made} people on each simulated course"
-    return f"Trained on {len(real)} recordings and {walks}; {grown}."
+    parts = [f"{len(real)} recordings"] * bool(real)
+    parts += [f"{made} people on each simulated course"] * bool(made)
+    return f"Trained on {' and '.join(parts)}; {grown}."
 
 
 def _examples(files: list[Path], words: Any = None) -> list[Examples]:
