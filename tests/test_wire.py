@@ -114,7 +114,13 @@ def test_a_pose_of_any_state_packs(data: bytes) -> None:
     state = navigator.new_state()
     at = messages._AT
     state[:] = array("i", data)
-    for name, top in (("STANCE", 1), ("MODE", 1), ("MOTION", 5), ("THRESHOLD", 16384), ("N_EFF", 25600)):
+    for name, top in (
+        ("STANCE", 1),
+        ("MODE", 1),
+        ("MOTION", 5),
+        ("THRESHOLD", 16384),
+        ("N_EFF", 25600),
+    ):
         state[at[name]] = abs(state[at[name]]) % (top + 1)
     for name in ("M2", "RESAMPLED", "DISTANCE"):
         state[at[name]] = abs(state[at[name]] // 2)
