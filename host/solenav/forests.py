@@ -11,6 +11,9 @@ from binascii import crc32
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from solenav.errors import SolenavError
 from solenav_core import forest
 from solenav_core.layout import CLASSES, FEATURES
@@ -96,6 +99,24 @@ def _tree(words: Sequence[int], at: int) -> tuple[Tree, int]:
     left, at = _tree(words, at + 1)
     right, at = _tree(words, at)
     return Split(node & 63, (node >> 6 & 8191) - 4096, left, right), at
+
+
+def scores(words: array[int], features: NDArray[np.int64]) -> NDArray[np.int64]:
+    """What the core's walk of a sound forest gives for features (k, 56): weights (k, 5)."""
+    nodes = np.array(words, np.int64)
+    rows = np.arange(len(features))
+    total = np.zeros((len(features), CLASSES), np.int64)
+    for first in words[1 : 1 + words[0]]:
+        at = np.full(len(features), first)
+        while True:
+            node = nodes[at]
+            split = node >= 0
+            if not split.any():
+                break
+            left = features[rows, np.where(split, node & 63, 0)] <= (node >> 6 & 8191) - 4096
+            at = np.where(split, at + np.where(left, 1, node >> 19), at)
+        total += np.stack([(node >> (6 * i)) & 63 for i in range(CLASSES)], axis=1)
+    return total
 
 
 def from_bytes(data: bytes) -> array[int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from array import array
 from binascii import crc32
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,8 @@ from solenav.capture.file import CaptureWriter
 from solenav.capture.sidecar import truth_notes, write_sidecar, write_truth
 from solenav.engines.source import fingerprint
 from solenav.link import FrameWriter
+from solenav.modes import labels
+from solenav.modes.labels import Label
 from solenav.recording import Truth
 from solenav_core import messages, navigator
 
@@ -124,22 +126,27 @@ def write_samples(
     text: str,
     notes: dict[str, Any],
     truth: Truth | None,
+    modes: Sequence[Label] = (),
 ) -> None:
-    """A capture of samples alone, as `simulate` and `import` make it, with sidecar and truth."""
+    """A capture of samples alone, as `simulate` and `import` make it, with what is beside it."""
     pen = _Pen()
     with CaptureWriter(path, flush=False) as writer:
         writer.write(0.0, _opening(pen, params, text, 0))
         for row in range(len(samples.counts)):
             writer.write(samples.time_us[row] * 1e-6, pen.sample(row + 1, samples, row))
-    finish(path, notes, truth)
+    finish(path, notes, truth, modes)
 
 
-def finish(path: Path, notes: dict[str, Any], truth: Truth | None) -> None:
-    """Sidecar and truth beside a capture."""
+def finish(
+    path: Path, notes: dict[str, Any], truth: Truth | None, modes: Sequence[Label] = ()
+) -> None:
+    """Sidecar, truth and labels of motion beside a capture."""
     about = truth_notes(truth)
     write_sidecar(path, {**notes, **({"truth": about} if about else {})})
     if truth is not None and len(truth.time_s):
         write_truth(path, truth)
+    if modes:
+        labels.write(path, modes)
 
 
 def parameter_changes(capture: Capture) -> dict[int, array[int]]:
@@ -189,7 +196,7 @@ def replay(
             if row % 200 == 0:
                 progress(row)
     progress(len(samples.counts))
-    finish(path, {**capture.sidecar, "replayed": engine}, capture.truth)
+    finish(path, {**capture.sidecar, "replayed": engine}, capture.truth, capture.modes)
     return runner
 
 

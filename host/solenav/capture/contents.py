@@ -19,6 +19,8 @@ from solenav.capture.file import scan
 from solenav.capture.sidecar import read_sidecar, read_truth
 from solenav.errors import SolenavError
 from solenav.link import FIELDS, NAMES, Damage, Frame, FrameReader, unpack
+from solenav.modes import labels
+from solenav.modes.labels import Label
 from solenav.recording import FloatArray, Truth
 from solenav_core import layout, messages, navigator
 
@@ -92,6 +94,11 @@ class Capture:
     def truth(self) -> Truth | None:
         """The truth beside the capture, or None. SolenavError where its file is damaged."""
         return read_truth(self.path)
+
+    @cached_property
+    def modes(self) -> tuple[Label, ...]:
+        """How the foot moved when, as the table beside the capture says. See `labels.read`."""
+        return labels.read(self.path)
 
     @property
     def sample_counts(self) -> NDArray[np.int16]:

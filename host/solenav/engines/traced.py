@@ -44,6 +44,8 @@ _FIELDS = (
     ("N_EFF", 1),
     ("STEPS", 1),
     ("DISTANCE", 1),
+    ("GLRT", 1),
+    ("MOTION", 1),
 )
 _COLUMNS = np.array([_S[name] + i for name, count in _FIELDS for i in range(count)])
 
@@ -102,7 +104,8 @@ class Trace:
 
     `attitude` (n, 4) body to ENU, scalar first; `velocity` m/s and `position` m (n, 3) ENU;
     `gyro_bias` (n, 3) rad/s; `p_vv` (n, 3) (m/s)²; `m2` and `n_eff` (n,) of the last stance
-    tick; `steps` and `distance` (m) so far; `events` (n,) as `navigator.tick` gives them.
+    tick; `steps` and `distance` (m) so far; `glrt` T of the GLRT detector, where that is in use;
+    `motion` as in `forest.MOTIONS`; `events` (n,) as `navigator.tick` gives them.
     """
 
     start: Start
@@ -115,6 +118,8 @@ class Trace:
     n_eff: FloatArray
     steps: NDArray[np.int32]
     distance: FloatArray
+    glrt: FloatArray
+    motion: NDArray[np.int32]
     events: NDArray[np.int32]
     state: array[int]
 
@@ -189,6 +194,8 @@ def trace(
         n_eff=words["N_EFF"] / 2**8,
         steps=words["STEPS"],
         distance=words["DISTANCE"] / 2**10,
+        glrt=words["GLRT"] / 2**5,
+        motion=words["MOTION"],
         events=events,
         state=state,
     )
