@@ -44,6 +44,10 @@ def recorder() -> ranges.Recorder:
     for mounted in (False, True):
         for case in torture.fields():
             out.run(case.name, case.counts, torture.steering(PARAMS[200.0], mounted), case.prepare)
+    for longest in (False, True):
+        for case in torture.stances():
+            chosen = torture.detecting(PARAMS[200.0], longest)
+            out.run(case.name, case.counts, chosen, case.prepare)
     return out
 
 
@@ -309,6 +313,45 @@ def test_unrest(
     kernels["unrest"](bench.s, bench.p, bench.w)
     low, high = torture.LIMITS["STILLEST"]
     assert low <= bench.s[layout.offsets(layout.STATE_FIELDS)["STILLEST"]] <= high
+
+
+@given(fields, st.lists(samples, min_size=1, max_size=8), integers(1, 31), ends)
+def test_likelihood_ratio(
+    given: Words, rows: list[tuple[int, ...]], window: int, at: list[int]
+) -> None:
+    """Any samples through any calibration, any window, noise as small as the limits let it be."""
+    bench = Bench(given, 200.0)
+    bench.calibrate(at)
+    bench.p = torture.detecting(bench.p, longest=True)
+    bench.p[params.NAMES.index("GLRT_WINDOW")] = window
+    for counts in rows * 5:
+        bench.sample(counts)
+        kernels["condition"](bench.s, bench.p, bench.w, bench.m)
+        kernels["collect"](bench.s, bench.p, bench.w)
+        kernels["likelihood_ratio"](bench.s, bench.p)
+    found = bench.s[layout.offsets(layout.STATE_FIELDS)["GLRT"]]
+    assert 0 <= found <= torture.LIMITS["GLRT"][1]
+
+
+signals = st.lists(integers(-1023, 1023), min_size=1, max_size=64).map(
+    lambda some: [some[i % len(some)] for i in range(64)]
+)
+
+
+@given(signals, signals)
+def test_features_of_any_window(one: list[int], other: list[int]) -> None:
+    """Sums of any 64 values of two signals: every feature within what a forest's node can ask."""
+    bench = Bench({}, 200.0)
+    at = layout.offsets(layout.STATE_FIELDS)["SUMS"]
+    for place, y in ((0, one), (5, other)):
+        cubes = sum((v**3 + 32) >> 6 for v in y)
+        words = [sum(y), sum(v * v for v in y), cubes, max(y), min(y)]
+        bench.s[at + place : at + place + 5] = array("i", words)
+        kernels["describe"](at + place, at + 60, bench.s)
+        mean, deviation, skewness = bench.s[at + place : at + place + 3]
+        assert abs(mean) <= 64 * 1023 and 0 <= deviation <= 1023 << 4 and abs(skewness) <= 2047
+    products = sum(a * b for a, b in zip(one, other, strict=True))
+    assert abs(kernels["relate"](at, at + 5, products, bench.s)) <= 256
 
 
 @given(fields, samples, rates, ends)

@@ -18,19 +18,25 @@ EXPECTED = (
     2303257734,  # slower
     982498896,  # unrest
     1659655993,  # detect
-    42654537,  # grow
-    4030280480,  # shrink
-    200701663,  # head
-    1772963513,  # level
-    731724097,  # align
-    2243542930,  # settle
-    3696096636,  # roots
-    2925239759,  # ratio
-    3269875808,  # feed_back
-    3118022708,  # observe
-    3020285947,  # adapt
-    3061646494,  # weigh
-    3631048189,  # update
-    2371661300,  # stood
-    2145327083,  # tick
+    758938772,  # collect
+    108775604,  # likelihood ratio
+    2455747149,  # sense
+    4178069827,  # observe motion
+    3228366348,  # summarise
+    2373298079,  # classify
+    1583432452,  # grow
+    3601095243,  # shrink
+    1164783445,  # head
+    3656706671,  # level
+    3246637951,  # align
+    3804716392,  # settle
+    1611154326,  # roots
+    1723415161,  # ratio
+    1793439389,  # feed_back
+    3758556669,  # observe
+    1287906951,  # adapt
+    2136127861,  # weigh
+    1475586200,  # update
+    674365523,  # stood
+    2504496820,  # tick
 )
