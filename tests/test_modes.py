@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from solenav import importing
+from solenav import importing, mpu9150
 from solenav.capture import load
+from solenav.engines.traced import trace
 from solenav.errors import SolenavError
 from solenav.modes import labels
 from solenav.modes.labels import MODES, Label
+from solenav.parameters import Settings
+from solenav.sim.imu import IDEAL
 from solenav.sim.scenario import simulate
 
 
@@ -59,3 +63,23 @@ def test_a_simulated_capture_has_its_labels_beside_it(tmp_path: Path) -> None:
     found = load(tmp_path / "run.solcap").modes
     assert [label.mode for label in found] == ["still", "run", "still"]
     assert found[1].start_s == pytest.approx(recording.modes[1].start_s, abs=1e-3)
+
+
+@pytest.mark.parametrize(("first", "then"), [(130.0, -110.0), (110.0, -130.0)])
+def test_an_impulse_that_is_missed_in_a_strike_costs_little_height(
+    first: float, then: float
+) -> None:
+    recording = simulate("stairs", errors=IDEAL)
+    assert recording.truth is not None and recording.truth.stance is not None
+    landings = np.flatnonzero(np.diff(recording.truth.stance.astype(int)) > 0)
+    # Two samples of a strike, 60 ms before the foot stands, that don't make up for each other.
+    recording.accel[landings - 12, 2] += first
+    recording.accel[landings - 11, 2] += then
+    counts = mpu9150.to_counts(recording.accel, recording.gyro).counts
+
+    def height(settings: Settings) -> float:
+        return abs(trace(counts, importing.parameters_of(recording, settings)).position[-1, 2])
+
+    without = height(Settings(strike_noise=0.0))
+    assert without > 0.5
+    assert height(Settings()) < 0.25 * without

@@ -89,6 +89,8 @@ PARAM_FIELDS = (
     ("GAMMA2", "Q30 (m/s)²", "(g dt)²"),
     ("Q_VV_H", "Q26 (m/s)²", "velocity noise added to E and N on each tick"),
     ("Q_VV_U", "Q26 (m/s)²", "velocity noise added to U on each tick"),
+    ("STRIKE_MIN", "Q7 m/s²", "a strike: |a| above this, of whose impulse part is missed"),
+    ("STRIKE", "Q22", "noise added to U in a strike, Q26 (m/s)² per Q8 (m/s²)² above STRIKE_MIN"),
     ("Q_TT", "Q30 rad²", "tilt noise added on each tick"),
     ("FREEZE_TICKS", "ticks", "the covariance stops growing after so long a swing"),
     ("P_VV_0", "Q26 (m/s)²", "variance of the velocity after the static start"),
