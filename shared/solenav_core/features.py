@@ -26,9 +26,9 @@ deviation, extremes, skewness and correlations of force and rate; the two veloci
 since they are what a climb is.
 
 Three blocks lie in state SUMS: the open one, the last, and the one before, which turns into the
-features in place, a group on each tick, so that no tick pays for a whole window. Then the forest is
-asked. After the event CLASSIFIED the features stay in the slot that `slot` names until that slot
-opens, with the end of the block.
+features in place, half a group on each tick, so that no tick pays for a whole window. Then the
+forest is asked. After the event CLASSIFIED the features stay in the slot that `slot` names until
+that slot opens, with the end of the block.
 """
 
 from solenav_core.compat import const, micropython, ptr32
@@ -220,8 +220,8 @@ def relate(x: int, y: int, shared: int, s: ptr32) -> int:
 
 
 @micropython.viper
-def summarise(s: ptr32, group: int) -> int:
-    """The sums of the last window's group 0 or 1 into its features."""
+def summarise(s: ptr32, group: int, half: int) -> int:
+    """The sums of the last window's group into its features: three signals, then the rest."""
     # The oldest block is in the slot after the open one, the last in the one before it.
     slot = s[_S_BLOCK_SLOT] + 1
     if slot > 2:
@@ -231,10 +231,13 @@ def summarise(s: ptr32, group: int) -> int:
     if slot > 2:
         slot = 0
     b = _S_SUMS + _FEATURES * slot + _GROUP * group
-    i = 0
-    while i < 25:
+    i = 15 * half
+    stop = 15 + 10 * half
+    while i < stop:
         int(describe(a + i, b + i, s))
         i = i + 5
+    if half == 0:
+        return 0
     # xy, yz, xz
     s[a + 25] = int(relate(a, a + 5, s[a + 25] + s[b + 25], s))
     s[a + 26] = int(relate(a + 5, a + 10, s[a + 26] + s[b + 26], s))

@@ -24,10 +24,11 @@ MOTIONS = ("unknown", "still", "walk", "run", "upstairs", "downstairs")
 TREES_MAX = 64
 WORDS_MAX = 4096
 
-_TREES = const(4)  # asked in one tick
+_TREES = const(8)  # asked in one tick
 _CLASSES = const(5)
 _FEATURES = const(56)
 _WEIGHT = const(63)
+_PAIR = const(0x3F03F)  # two weights, six bits between them
 _IDLE = const(255)
 
 _S_BLOCK_SLOT = const(210)
@@ -89,24 +90,6 @@ def _tree(words, at, end):
 
 
 @micropython.viper
-def ask(at: int, s: ptr32, t: ptr32, base: int) -> int:
-    """Walk the tree at t[at] for the features at s[base]; its leaf's weights into state SCORE."""
-    node = t[at]
-    while node >= 0:
-        if s[base + (node & 63)] <= ((node >> 6) & 8191) - 4096:
-            at = at + 1
-        else:
-            at = at + (node >> 19)
-        node = t[at]
-    s[_S_SCORE] = s[_S_SCORE] + (node & _WEIGHT)
-    s[_S_SCORE + 1] = s[_S_SCORE + 1] + ((node >> 6) & _WEIGHT)
-    s[_S_SCORE + 2] = s[_S_SCORE + 2] + ((node >> 12) & _WEIGHT)
-    s[_S_SCORE + 3] = s[_S_SCORE + 3] + ((node >> 18) & _WEIGHT)
-    s[_S_SCORE + 4] = s[_S_SCORE + 4] + ((node >> 24) & _WEIGHT)
-    return 0
-
-
-@micropython.viper
 def elect(s: ptr32, p: ptr32) -> int:
     """The windows' vote, and whether it has been the same for long enough to be the MOTION."""
     best = 0
@@ -135,25 +118,44 @@ def elect(s: ptr32, p: ptr32) -> int:
 
 
 @micropython.viper
-def classify(s: ptr32, p: ptr32, t: ptr32, tree: int) -> int:
-    """Ask four trees, from `tree` on, about the last window; after the last of all count the vote.
+def classify(at: int, node: int, s: ptr32, t: ptr32, p: ptr32, tree: int) -> int:
+    """Ask eight trees, from `tree` on, about the last window; after the last of all count the vote.
 
-    1 once the window is dealt with.
+    1 once the window is dealt with. `at` and `node` are 0: locals that come first are the fastest.
     """
     base = s[_S_BLOCK_SLOT] + 1
     if base > 2:
         base = 0
     base = _S_SUMS + _FEATURES * base
-    i = 0
     if tree == 0:
-        while i < _CLASSES:
-            s[_S_SCORE + i] = 0
-            i = i + 1
-    i = 0
-    while i < _TREES and tree < t[_T_FOREST]:
-        int(ask(_T_FOREST + t[_T_FOREST + 1 + tree], s, t, base))
+        while at < _CLASSES:
+            s[_S_SCORE + at] = 0
+            at = at + 1
+    stop = tree + _TREES
+    if stop > t[_T_FOREST]:
+        stop = t[_T_FOREST]
+    # The weights in pairs, 12 bits for each sum.
+    one_three = 0
+    two_four = 0
+    five = 0
+    while tree < stop:
+        at = _T_FOREST + t[_T_FOREST + 1 + tree]
+        node = t[at]
+        while node >= 0:
+            if s[base + (node & 63)] <= ((node >> 6) & 8191) - 4096:
+                at = at + 1
+            else:
+                at = at + (node >> 19)
+            node = t[at]
+        one_three = one_three + (node & _PAIR)
+        two_four = two_four + ((node >> 6) & _PAIR)
+        five = five + ((node >> 24) & _WEIGHT)
         tree = tree + 1
-        i = i + 1
+    s[_S_SCORE] = s[_S_SCORE] + (one_three & 4095)
+    s[_S_SCORE + 1] = s[_S_SCORE + 1] + (two_four & 4095)
+    s[_S_SCORE + 2] = s[_S_SCORE + 2] + (one_three >> 12)
+    s[_S_SCORE + 3] = s[_S_SCORE + 3] + (two_four >> 12)
+    s[_S_SCORE + 4] = s[_S_SCORE + 4] + five
     if tree < t[_T_FOREST]:
         return 0
     int(elect(s, p))

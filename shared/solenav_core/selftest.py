@@ -309,7 +309,8 @@ def _summarise(b):
                 b.s[_AT["SUMS"] + at + i] = b.number(6) * value * value >> 1
         for open_slot in range(3):
             b.s[_AT["BLOCK_SLOT"]] = open_slot
-            b.result(features.summarise(b.s, open_slot & 1))
+            for half in range(2):
+                b.result(features.summarise(b.s, open_slot & 1, half))
         b.arrays()
 
 
@@ -321,11 +322,11 @@ def _classify(b):
         for at in range(168):
             b.s[_AT["SUMS"] + at] = b.number((4, 9, 12)[i % 3])
         params = _params(b, MOTION_SHARE=(60, 128, 40)[i // 4], MOTION_HOLD=1 + i // 6)
-        for tree in (0, 4):
-            b.result(forest.classify(b.s, params, b.t, tree))
+        for tree in (0, 3):
+            b.result(forest.classify(0, 0, b.s, b.t, params, tree))
         b.arrays()
     # No tree at all.
-    b.result(forest.classify(b.s, b.p, navigator.new_tables(array("i", (0,))), 0))
+    b.result(forest.classify(0, 0, b.s, navigator.new_tables(array("i", (0,))), b.p, 0))
     b.arrays()
 
 

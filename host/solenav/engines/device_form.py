@@ -23,7 +23,7 @@ INLINE = {
     "heading": ("strength", "error", "apart"),
     "detector": ("push", "unrest"),
     "features": ("sense", "describe", "relate"),
-    "forest": ("ask", "elect"),
+    "forest": ("elect",),
     "particles": (
         "row",
         "stir",
