@@ -142,10 +142,9 @@ def classify(at: int, node: int, s: ptr32, t: ptr32, p: ptr32, tree: int) -> int
         at = _T_FOREST + t[_T_FOREST + 1 + tree]
         node = t[at]
         while node >= 0:
-            if s[base + (node & 63)] <= ((node >> 6) & 8191) - 4096:
-                at = at + 1
-            else:
-                at = at + (node >> 19)
+            if s[base + (node & 63)] > ((node >> 6) & 8191) - 4096:
+                at = at + (node >> 19) - 1
+            at = at + 1
             node = t[at]
         one_three = one_three + (node & _PAIR)
         two_four = two_four + ((node >> 6) & _PAIR)
