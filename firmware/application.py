@@ -12,6 +12,7 @@ from blackbox import BlackBox
 from bus import FAST, SLOW, Bus
 from checkpoint import Checkpoint
 from download import Download
+from forest_file import Upload
 from injection import Injection
 from link import Link
 from mpu9150 import Mpu9150, SensorError
@@ -22,7 +23,6 @@ from solenav_core import messages, navigator
 from solenav_core.framing import HEADER
 from solenav_core.layout import SAMPLE_FIELDS, STATE_FIELDS, offsets
 from solenav_core.params import NAMES
-from solenav_core.tables.lookup import TABLES
 
 _INFO, _WARNING, _ERROR = 0, 1, 2
 _CHECKS = 20  # of the sensor's settings, in a second: 1 ms each, of the bus and of the processor
@@ -31,6 +31,7 @@ _TICK = _AT["TICK"]
 _MODE = _AT["MODE"]
 _RESUMED = _AT["RESUMED"]
 _STEPS = _AT["STEPS"]
+_MOTION = _AT["MOTION"]
 _FLAGS = offsets(SAMPLE_FIELDS)["FLAGS"]
 _RATE = NAMES.index("RATE_MHZ")
 _OF_RUNS = messages.ASK_START, messages.ASK_STOP
@@ -40,11 +41,11 @@ _BRIDGE = NAMES.index("BRIDGE_TICKS")
 class Application:
     """Everything between the board's pins and the core.
 
-    `settings`, `params`, `problems` are what `config.load` returned. `failed_test`: place and name
-    of the core's self-test that failed on this machine; (0, "") for none.
+    `settings`, `params`, `forest`, `problems` are what `config.load` returned. `failed_test`: place
+    and name of the core's self-test that failed on this machine; (0, "") for none.
     """
 
-    def __init__(self, board, settings, params, problems, failed_test=(0, "")):
+    def __init__(self, board, settings, params, forest, problems, failed_test=(0, "")):
         rate = params[_RATE]
         self.settings = settings
         self.board = board
@@ -62,6 +63,7 @@ class Application:
         self.params = self.clock.params
         self.state = navigator.new_state()
         self.work = navigator.new_work()
+        self.tables = navigator.new_tables(forest)
         self.second = max(1, (rate + 500) // 1000)  # ticks
         self.snapshot_ticks = settings["snapshot_s"] * self.second
         self.check_ticks = max(1, self.second // _CHECKS)
@@ -82,7 +84,7 @@ class Application:
         self.download = Download(self.link, self.blackbox)
         self.trust = Trust(self.sensor)
         self.watchdog = Watchdog(settings["watchdog"])
-        identity = crc32(params) ^ self.build[0]
+        identity = crc32(params) ^ self.build[0] ^ navigator.forest_hash(self.tables)
         self.checkpoint = Checkpoint(identity, settings["checkpoint_s"] * self.second, self.second)
         self.unsaved = False  # the last checkpoint could not be written
         self.worst = 0
@@ -100,10 +102,12 @@ class Application:
         self.lent = False
         # fmt: off
         self.injection = Injection(
-            self.link, self.state, self.params, self.work, self.lend, self.take_back
+            self.link, self.state, self.params, self.work, self.tables, self.lend,
+            self.take_back,
         )
         # fmt: on
         self.commands.update(self.injection.commands)
+        self.commands.update(Upload(self.link, self.idle, self.plant, self.log).commands)
 
     def run(self):
         """For ever."""
@@ -194,7 +198,7 @@ class Application:
             self.log(_WARNING, "%d samples lost: going on with the next stance" % self.sampler.lost)
             self.break_off()
         began = ticks_us()
-        events = navigator.tick(state, self.params, self.work, TABLES, sample)
+        events = navigator.tick(state, self.params, self.work, self.tables, sample)
         spent = ticks_diff(ticks_us(), began)
         if spent > self.worst:
             self.worst = spent
@@ -338,8 +342,8 @@ class Application:
         tick = self.state[_TICK]
         # fmt: off
         reports.hello(
-            self.link, tick, self.params, self.pose_every, self.sensor, self.board.name,
-            self.build, self.failed_test,
+            self.link, tick, self.params, self.tables, self.pose_every, self.sensor,
+            self.board.name, self.build, self.failed_test,
         )
         # fmt: on
         reports.parameters(self.link, tick, self.params)
@@ -391,6 +395,15 @@ class Application:
         if self.state[_MODE]:
             self.break_off()
 
+    def idle(self):
+        """Whether the core stands still: nothing is sampled or injected."""
+        return not (self.wanted or self.injection.active)
+
+    def plant(self, forest):
+        """Another forest (None: the shipped one) from the next run on."""
+        self.tables = self.injection.tables = navigator.new_tables(forest)
+        self.announce()
+
     def test_bus(self):
         """How well the sensor's bus carries a clock; only while nobody needs its samples."""
         khz, reads = unpack_from(messages.FORMATS[messages.ASK_BUS_TEST], self.link.command, HEADER)
@@ -426,7 +439,8 @@ class Application:
         temperature = self.sensor.temperature()
         # fmt: off
         reports.status(
-            self.link, self.state[_TICK], self.mode, self.sampler, temperature, self.worst
+            self.link, self.state[_TICK], self.mode, self.state[_MOTION], self.sampler, temperature,
+            self.worst,
         )
         # fmt: on
 

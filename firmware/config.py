@@ -2,6 +2,8 @@
 
 import json
 
+import forest_file
+
 from solenav_core.params import NAMES, conflict
 from solenav_core.tables.defaults import LARGEST, LEAST, PARAMS
 
@@ -30,7 +32,10 @@ _CHOICES = {
 
 
 def load():
-    """(settings, parameters as `array('i')`, what is wrong with the file as texts)."""
+    """(settings, parameters, forest, what is wrong with the files as texts).
+
+    Parameters and forest are `array('i')`; the forest is None for the one that is shipped.
+    """
     problems = []
     settings = dict(_DEFAULTS)
     for key, value in _read("config.json", problems).items():
@@ -44,7 +49,8 @@ def load():
             problems.append("config.json: %s = %d is not 0 to 65535" % (key, value))
         else:
             settings[key] = value
-    return settings, _parameters(settings["params"], problems), problems
+    params = _parameters(settings["params"], problems)
+    return settings, params, forest_file.load(problems), problems
 
 
 def build():

@@ -24,7 +24,6 @@ from solenav_core.messages import (
 )
 from solenav_core.params import conflict
 from solenav_core.tables.defaults import LARGEST, LEAST
-from solenav_core.tables.lookup import TABLES
 
 _TICK = offsets(STATE_FIELDS)["TICK"]
 _SILENCE = const(5000)  # ms after which the host counts as gone
@@ -33,11 +32,13 @@ _SILENCE = const(5000)  # ms after which the host counts as gone
 class Injection:
     """`lend` ends the board's own sampling, `resume` goes on with it.
 
-    `state`, `params`, `work` are the core's; the first two are put back at the end.
+    `state`, `params`, `work`, `tables` are the core's; the first two are put back at the end, the
+    last may be exchanged.
     """
 
-    def __init__(self, link, state, params, work, lend, resume):
+    def __init__(self, link, state, params, work, tables, lend, resume):
         self.active = False
+        self.tables = tables
         self.commands = {
             ASK_INJECT: self._ask,
             ASK_PARAM: self._set,
@@ -106,7 +107,7 @@ class Injection:
             sample = self._sample
             for i in range(len(sample)):
                 sample[i] = words[1 + i]
-            navigator.tick(state, self._params, self._work, TABLES, sample)
+            navigator.tick(state, self._params, self._work, self.tables, sample)
         link = self._link
         pack_into(FORMATS[INJECTED], link.frame, HEADER, navigator.digest(state))
         link.send(INJECTED, state[_TICK], HEADER + SIZES[INJECTED])

@@ -39,10 +39,10 @@ def main():
 
     gc.threshold(-1)
     gc.collect()
-    settings, params, problems = config.load()
+    settings, params, forest, problems = config.load()
     __import__(settings["board"])
     board = sys.modules[settings["board"]].open()
-    application = Application(board, settings, params, problems, failed_test)
+    application = Application(board, settings, params, forest, problems, failed_test)
     del start
     gc.collect()
     try:

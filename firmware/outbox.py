@@ -3,13 +3,14 @@
 from solenav_core.compat import micropython, ptr8
 from solenav_core.messages import FILE_DATA, POSE, SAMPLE, SNAPSHOT
 
-_SIZE = 8192
-# How full the ring may get by frames of a kind. What is above a download's share holds a snapshot,
-# what is above that is for steps, states, answers and the log alone.
-_SAMPLE_SHARE = 3072
-_POSE_SHARE = 4608
-_DOWNLOAD_SHARE = 5120
-_SNAPSHOT_SHARE = 7680
+_SIZE = 11264
+# How full the ring may get by frames of a kind. A snapshot takes 3.8 kB: behind it there is room
+# for samples; what is above a download's share holds one, what is above that is for steps, states,
+# answers and the log alone.
+_SAMPLE_SHARE = 4608
+_POSE_SHARE = 6144
+_DOWNLOAD_SHARE = 6656
+_SNAPSHOT_SHARE = 10752
 
 
 @micropython.viper

@@ -22,6 +22,7 @@ from solenav_core.messages import (
     SNAPSHOT,
     STATUS,
 )
+from solenav_core.navigator import forest_hash
 from solenav_core.params import NAMES
 
 _RATE = NAMES.index("RATE_MHZ")
@@ -29,14 +30,15 @@ _RATE = NAMES.index("RATE_MHZ")
 _SAMPLE = "<HH" + FORMATS[SAMPLE][2:]
 
 
-def hello(link, tick, params, pose_every, sensor, board, build, failed_test):
+def hello(link, tick, params, tables, pose_every, sensor, board, build, failed_test):
     """Who is speaking. `build` is (hash, version) of the files on the board."""
     version = ".".join([str(n) for n in sys.implementation.version[:3]])
     text = "%s; %s; MicroPython %s" % (board, build[1], version)
     # fmt: off
     pack_into(
-        FORMATS[HELLO], link.frame, HEADER, SCHEMA, build[0], crc32(params), params[_RATE],
-        pose_every, sensor.kind, machine.reset_cause() & 255, failed_test, sensor.test,
+        FORMATS[HELLO], link.frame, HEADER, SCHEMA, build[0], crc32(params), forest_hash(tables),
+        params[_RATE], pose_every, sensor.kind, machine.reset_cause() & 255, failed_test,
+        sensor.test,
     )
     # fmt: on
     link.send(HELLO, tick, _append(link.frame, HEADER + SIZES[HELLO], text))
@@ -64,14 +66,14 @@ def snapshot(link, tick, state):
     _fragments(link, SNAPSHOT, tick, state)
 
 
-def status(link, tick, mode, sampler, temperature, worst):
+def status(link, tick, mode, motion, sampler, temperature, worst):
     """Counters. Collects garbage first, so that the heap figure is what is really free."""
     gc.collect()
     dropped = link.outbox.dropped
     box = link.blackbox
     # fmt: off
     pack_into(
-        FORMATS[STATUS], link.frame, HEADER, mode, sampler.samples, sampler.overruns,
+        FORMATS[STATUS], link.frame, HEADER, mode, motion, sampler.samples, sampler.overruns,
         sampler.gaps, sampler.lost_samples, sampler.spikes, sampler.fifo_overflows,
         sampler.bus_errors, sampler.recoveries, SLOW if sampler.slow else FAST, sampler.clipped,
         dropped[0], dropped[1], dropped[2], link.damaged, link.refused, box.logged, box.lost,

@@ -79,13 +79,13 @@ def test_a_difference_is_named_by_tick_and_field(
     walk: Path, board: SimulatedBoard, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     source = capture.load(walk)
-    told = injection._Session.put
+    told = injection.Session.put
 
-    def spoilt(session: injection._Session, before: int, sample: list[int]) -> None:
+    def spoilt(session: injection.Session, before: int, sample: list[int]) -> None:
         # What reaches the board isn't what the host computes with, from tick 301 on.
         told(session, before, [sample[0] + 1, *sample[1:]] if before == 300 else sample)
 
-    monkeypatch.setattr(injection._Session, "put", spoilt)
+    monkeypatch.setattr(injection.Session, "put", spoilt)
     with open_port(board.port) as port:
         report = injection.inject(port, source, "fast")
     assert not report.verified and report.ticks == 300
@@ -98,10 +98,10 @@ def test_a_difference_is_named_by_tick_and_field(
 def test_lost_and_repeated_samples_on_the_way_cost_time_only(
     walk: Path, board: SimulatedBoard, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told = injection._Session.put
+    told = injection.Session.put
     count = 0
 
-    def lossy(session: injection._Session, before: int, sample: list[int]) -> None:
+    def lossy(session: injection.Session, before: int, sample: list[int]) -> None:
         nonlocal count
         count += 1
         if count % 100 == 50:
@@ -110,7 +110,7 @@ def test_lost_and_repeated_samples_on_the_way_cost_time_only(
         if count % 70 == 35:
             told(session, before, sample)
 
-    monkeypatch.setattr(injection._Session, "put", lossy)
+    monkeypatch.setattr(injection.Session, "put", lossy)
     monkeypatch.setattr(injection, "_PATIENCE_S", 0.3)
     with open_port(board.port) as port:
         report = injection.inject(port, capture.load(walk), "fast")

@@ -19,7 +19,6 @@ from solenav import parameters
 from solenav.engines import checked, ranges, source
 from solenav.sim import torture
 from solenav_core import layout, navigator, params
-from solenav_core.tables.lookup import TABLES
 
 Words = dict[str, tuple[int, ...]]
 
@@ -45,6 +44,10 @@ def recorder() -> ranges.Recorder:
     for mounted in (False, True):
         for case in torture.fields():
             out.run(case.name, case.counts, torture.steering(PARAMS[200.0], mounted), case.prepare)
+    for longest in (False, True):
+        for case in torture.stances():
+            chosen = torture.detecting(PARAMS[200.0], longest)
+            out.run(case.name, case.counts, chosen, case.prepare)
     return out
 
 
@@ -73,7 +76,7 @@ def test_the_torture_set_stays_within_the_word_at_other_rates(rate: float) -> No
         work, sample = navigator.new_work(), navigator.new_sample()
         for row in case.counts.tolist():
             sample[:] = array("i", row)
-            kernels["tick"](state, PARAMS[rate], work, array("i", TABLES), sample)
+            kernels["tick"](state, PARAMS[rate], work, navigator.new_tables(), sample)
 
 
 def test_the_torture_set_is_the_same_on_every_machine() -> None:
@@ -207,7 +210,7 @@ class Bench:
         self.w = navigator.new_work()
         self.m = navigator.new_sample()
         self.p = PARAMS[rate]
-        self.t = array("i", TABLES)
+        self.t = navigator.new_tables()
 
     def work(self, name: str, *values: int) -> None:
         for i, value in enumerate(values):
@@ -258,7 +261,7 @@ def test_clamp(x: int, limit: int) -> None:
 
 @given(integers(1 - 2**29, 2**29 - 1), integers(1 - 2**29, 2**29 - 1))
 def test_azimuth(east: int, north: int) -> None:
-    kernels["azimuth"](east, north, array("i", TABLES))
+    kernels["azimuth"](east, north, navigator.new_tables())
 
 
 @given(attitudes, attitudes, st.integers(0, 1))
@@ -310,6 +313,45 @@ def test_unrest(
     kernels["unrest"](bench.s, bench.p, bench.w)
     low, high = torture.LIMITS["STILLEST"]
     assert low <= bench.s[layout.offsets(layout.STATE_FIELDS)["STILLEST"]] <= high
+
+
+@given(fields, st.lists(samples, min_size=1, max_size=8), integers(1, 31), ends)
+def test_likelihood_ratio(
+    given: Words, rows: list[tuple[int, ...]], window: int, at: list[int]
+) -> None:
+    """Any samples through any calibration, any window, noise as small as the limits let it be."""
+    bench = Bench(given, 200.0)
+    bench.calibrate(at)
+    bench.p = torture.detecting(bench.p, longest=True)
+    bench.p[params.NAMES.index("GLRT_WINDOW")] = window
+    for counts in rows * 5:
+        bench.sample(counts)
+        kernels["condition"](bench.s, bench.p, bench.w, bench.m)
+        kernels["collect"](bench.s, bench.p, bench.w)
+        kernels["likelihood_ratio"](bench.s, bench.p)
+    found = bench.s[layout.offsets(layout.STATE_FIELDS)["GLRT"]]
+    assert 0 <= found <= torture.LIMITS["GLRT"][1]
+
+
+signals = st.lists(integers(-1023, 1023), min_size=1, max_size=64).map(
+    lambda some: [some[i % len(some)] for i in range(64)]
+)
+
+
+@given(signals, signals)
+def test_features_of_any_window(one: list[int], other: list[int]) -> None:
+    """Sums of any 64 values of two signals: every feature within what a forest's node can ask."""
+    bench = Bench({}, 200.0)
+    at = layout.offsets(layout.STATE_FIELDS)["SUMS"]
+    for place, y in ((0, one), (5, other)):
+        cubes = sum((v**3 + 32) >> 6 for v in y)
+        words = [sum(y), sum(v * v for v in y), cubes, max(y), min(y)]
+        bench.s[at + place : at + place + 5] = array("i", words)
+        kernels["describe"](at + place, at + 60, bench.s)
+        mean, deviation, skewness = bench.s[at + place : at + place + 3]
+        assert abs(mean) <= 64 * 1023 and 0 <= deviation <= 1023 << 4 and abs(skewness) <= 2047
+    products = sum(a * b for a, b in zip(one, other, strict=True))
+    assert abs(kernels["relate"](at, at + 5, products, bench.s)) <= 256
 
 
 @given(fields, samples, rates, ends)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from solenav.errors import SolenavError
+from solenav.modes.labels import MODES
 from solenav.recording import FloatArray, Recording, Truth
-from solenav.sim.gait import SCENARIOS, motion
+from solenav.sim.gait import FLIGHT, RISER_M, SCENARIOS, motion
 from solenav.sim.imu import GRAVITY, IDEAL, TABLE1, SensorErrors
 from solenav.sim.scenario import simulate
 
@@ -296,3 +298,37 @@ def test_bad_arguments_say_what_to_do(scenario: str, changes: dict[str, float]) 
     with pytest.raises(SolenavError) as caught:
         simulate(scenario, **changes)  # type: ignore[arg-type]
     assert caught.value.remedy
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_stairs_lead_up_and_down_again(seed: int) -> None:
+    recording = simulate("stairs", seed=seed, errors=IDEAL, rate_hz=50)
+    height = truth_of(recording).position_enu[:, 2]
+    assert height[-1] == pytest.approx(0.0, abs=1e-9)
+    stance = stance_of(recording)
+    assert height[stance].max() == pytest.approx(2 * FLIGHT * RISER_M)
+    climbs = {label.mode: 0.0 for label in recording.modes}
+    for label in recording.modes:
+        first, last = np.searchsorted(recording.time_s, [label.start_s, label.end_s])
+        climbs[label.mode] += height[min(last, len(height) - 1)] - height[first]
+    assert climbs["upstairs"] == pytest.approx(2 * FLIGHT * RISER_M, abs=0.03)
+    assert climbs["downstairs"] == pytest.approx(-2 * FLIGHT * RISER_M, abs=0.03)
+
+
+def test_labels_cover_a_simulated_course() -> None:
+    recording = simulate("modes", errors=IDEAL, rate_hz=50)
+    labels = recording.modes
+    assert {label.mode for label in labels} == set(MODES)
+    assert labels[0].start_s == 0.0
+    assert labels[-1].end_s == pytest.approx(recording.time_s[-1], abs=0.1)
+    for before, after in pairwise(labels):
+        assert before.end_s == after.start_s
+    speed = np.linalg.norm(np.diff(truth_of(recording).position_enu, axis=0), axis=1) * 50
+    fastest = {
+        mode: max(
+            speed[int(a.start_s * 50) : int(a.end_s * 50)].max() for a in labels if a.mode == mode
+        )
+        for mode in ("still", "walk", "run")
+    }
+    assert fastest["still"] < 0.1
+    assert fastest["run"] > 1.2 * fastest["walk"]

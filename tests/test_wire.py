@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from array import array
+
 import pytest
 from cobs import cobs
 from hypothesis import given
 from hypothesis import strategies as st
 
 from solenav import link, parameters
-from solenav_core import framing, messages, navigator
+from solenav_core import framing, layout, messages, navigator
+
+_STATE_BYTES = 4 * layout.size(layout.STATE_FIELDS)
 
 payloads = st.binary(max_size=framing.PAYLOAD_MAX)
 
@@ -103,15 +107,20 @@ def test_the_schema_hash_changes_with_any_field(monkeypatch: pytest.MonkeyPatch)
     assert messages.schema_hash() != messages.SCHEMA
 
 
-@given(st.lists(st.integers(-(2**31), 2**31 - 1), min_size=660, max_size=660))
-def test_a_pose_of_any_state_packs(words: list[int]) -> None:
+@given(st.binary(min_size=_STATE_BYTES, max_size=_STATE_BYTES))
+def test_a_pose_of_any_state_packs(data: bytes) -> None:
     """Ranges that the core keeps are respected; the rest of the words may be anything."""
     params = parameters.to_integers(parameters.Settings(), 200.0)
     state = navigator.new_state()
     at = messages._AT
-    for i, word in enumerate(words[: len(state)]):
-        state[i] = word
-    for name, top in (("STANCE", 1), ("MODE", 1), ("THRESHOLD", 16384), ("N_EFF", 25600)):
+    state[:] = array("i", data)
+    for name, top in (
+        ("STANCE", 1),
+        ("MODE", 1),
+        ("MOTION", 5),
+        ("THRESHOLD", 16384),
+        ("N_EFF", 25600),
+    ):
         state[at[name]] = abs(state[at[name]]) % (top + 1)
     for name in ("M2", "RESAMPLED", "DISTANCE"):
         state[at[name]] = abs(state[at[name]] // 2)

@@ -102,5 +102,13 @@ def to_capture(
         "notes": recording.notes,
     }
     text = f"host; {recording.source}"
-    replaying.write_samples(path, samples, params, text=text, notes=notes, truth=recording.truth)
+    replaying.write_samples(
+        path,
+        samples,
+        params,
+        text=text,
+        notes=notes,
+        truth=recording.truth,
+        modes=recording.modes,
+    )
     return notes

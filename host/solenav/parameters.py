@@ -20,7 +20,7 @@ from solenav.calibration import model as calibrations
 from solenav.calibration.model import IDENTITY, Calibration
 from solenav.errors import SolenavError
 from solenav.recording import FloatArray
-from solenav_core import params
+from solenav_core import layout, params
 
 __all__ = ["Settings", "checked", "named", "replace", "to_integers"]
 
@@ -43,6 +43,19 @@ class Settings:
     rate_max_dps: float = 100.0  # C2
     accel_variance_max: float = 9.0  # (m/s²)², C3
     window_s: float = 0.05
+    detector: int = 0  # 0: C1 to C3; 1: GLRT with one threshold; 2: with the motion's threshold
+    glrt_window_s: float = 0.05
+    glrt_accel: float = 0.01  # m/s², sigma_a of T
+    glrt_rate_dps: float = 0.1  # sigma_w of T
+    glrt_max: float = 640_000.0  # T of a stance is below this with one threshold or none for it
+    glrt_still: float = 640_000.0  # and with the motion's, standing
+    glrt_walk: float = 640_000.0
+    glrt_run: float = 640_000.0
+    glrt_up: float = 640_000.0  # upstairs
+    glrt_down: float = 640_000.0
+    motion_window_s: float = 1.28  # whose features tell the motion, of 128 samples; 0: none
+    motion_share: float = 0.3  # of the vote; with less the motion is unknown
+    motion_hold: int = 1  # windows in a row that change the motion
     unrest_rate_dps: float = 5.0  # sigma of the rate in T
     unrest_accel: float = 0.35  # m/s², sigma of |a| in T
     unrest_s: float = 1.0  # time constant of the growth of the least T
@@ -53,6 +66,8 @@ class Settings:
     still_time_constant_s: float = 2.0
     velocity_noise_horizontal: float = 0.015  # (m/s)²/s
     velocity_noise_up: float = 0.02
+    strike_accel: float = 100.0  # m/s², |a| of a strike of whose impulse the samples miss a part
+    strike_noise: float = 2.4  # that part of what is above, 1 sigma, in a sample of 5 ms
     tilt_noise: float = 2e-5  # rad²/s
     freeze_s: float = 10.0
     initial_velocity_variance: float = 1e-4
@@ -105,6 +120,15 @@ def _limits() -> dict[str, tuple[int, int]]:
         "WINDOW": (1, 31),
         "Q_VV_H": (0, 2**28),
         "Q_VV_U": (0, 2**28),
+        "STRIKE_MIN": (0, 40_000),
+        "DETECTOR": (0, 2),
+        "GLRT_WINDOW": (1, layout.WINDOW_MAX),
+        "GLRT_ACC": (0, 2**25 - 1),
+        "GLRT_RATE": (0, 2**25 - 1),
+        **{f"GLRT_{name}": (0, 2**25) for name in ("MAX", "STILL", "WALK", "RUN", "UP", "DOWN")},
+        "MOTION_STRIDE": (0, 32767),
+        "MOTION_SHARE": (0, 256),
+        "MOTION_HOLD": (1, 32767),
         "UNREST_RATE": (0, 2**24),
         "UNREST_ACC": (0, 2**22),
         "UNREST_GROWTH": (0, 2**29),
@@ -135,6 +159,7 @@ def _limits() -> dict[str, tuple[int, int]]:
 
 
 LIMITS = _limits()
+_SIGMAS = ("unrest_rate_dps", "unrest_accel", "glrt_accel", "glrt_rate_dps", "observation_noise")
 
 
 def to_integers(settings: Settings, rate_hz: float) -> array[int]:
@@ -148,13 +173,18 @@ def to_integers(settings: Settings, rate_hz: float) -> array[int]:
             "resample the recording, or record at 100 to 400 Hz",
         )
     s = settings
+    for name in _SIGMAS:
+        if not getattr(s, name) > 0:
+            raise SolenavError(f"{name} = {getattr(s, name)} is no noise", "give more than 0")
     dt = 1.0 / rate_hz
     relative = rate_hz / REFERENCE_RATE_HZ
     counts_per_accel = mpu9150.ACCEL_LSB_PER_G / mpu9150.STANDARD_GRAVITY
     counts_per_dps = mpu9150.GYRO_LSB_PER_DPS
     half_yaw = -math.radians(s.initial_heading_deg) / 2
     window = max(1, round(s.window_s * rate_hz))
+    glrt_window = max(1, round(s.glrt_window_s * rate_hz))
     noise = s.observation_noise * relative
+    stride = max(1, round(s.motion_window_s * rate_hz / 128)) if s.motion_window_s else 0
 
     # An AK8975 gives at most a reading every 10 ms; a share of the error is taken on each.
     reading = max(dt, 0.01)
@@ -188,6 +218,19 @@ def to_integers(settings: Settings, rate_hz: float) -> array[int]:
         "RATE_MAX": q(s.rate_max_dps * counts_per_dps, 2),
         "VAR_MAX": q(s.accel_variance_max * window, 14),
         "WINDOW": window,
+        "DETECTOR": s.detector,
+        "GLRT_WINDOW": glrt_window,
+        "GLRT_ACC": round(2**10 / (glrt_window * s.glrt_accel**2)),
+        "GLRT_RATE": round(2**24 / (glrt_window * (s.glrt_rate_dps * counts_per_dps) ** 2)),
+        "GLRT_MAX": q(s.glrt_max, 5),
+        "GLRT_STILL": q(s.glrt_still, 5),
+        "GLRT_WALK": q(s.glrt_walk, 5),
+        "GLRT_RUN": q(s.glrt_run, 5),
+        "GLRT_UP": q(s.glrt_up, 5),
+        "GLRT_DOWN": q(s.glrt_down, 5),
+        "MOTION_STRIDE": stride,
+        "MOTION_SHARE": q(s.motion_share, 8),
+        "MOTION_HOLD": s.motion_hold,
         "UNREST_RATE": round(2**32 * (2 / (s.unrest_rate_dps * counts_per_dps)) ** 2),
         "UNREST_ACC": round(2**18 / s.unrest_accel**2),
         "UNREST_GROWTH": q(dt / s.unrest_s, 30),
@@ -200,6 +243,8 @@ def to_integers(settings: Settings, rate_hz: float) -> array[int]:
         "GAMMA2": q((mpu9150.STANDARD_GRAVITY * dt) ** 2, 30),
         "Q_VV_H": q(s.velocity_noise_horizontal * dt, 26),
         "Q_VV_U": q(s.velocity_noise_up * dt, 26),
+        "STRIKE_MIN": q(s.strike_accel, 7),
+        "STRIKE": q(s.strike_noise**2 * dt / REFERENCE_RATE_HZ, 40),
         "Q_TT": q(s.tilt_noise * dt, 30),
         "FREEZE_TICKS": ticks(s.freeze_s),
         "P_VV_0": q(s.initial_velocity_variance, 26),

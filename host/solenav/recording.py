@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solenav.modes.labels import Label
+
 FloatArray = NDArray[np.float64]
 
 
@@ -44,7 +46,8 @@ class Recording:
     sample rate that the core's dt is made from; `source` says where it came from (format, file
     name), `notes` whatever a reader of the capture should know (repaired time stamps, ...).
     `mag` (n, 3) magnetic flux density in µT, in the axes of `accel`, a row of NaN where the
-    magnetometer gave nothing at that sample; None without a magnetometer.
+    magnetometer gave nothing at that sample; None without a magnetometer. `modes` say how the foot
+    moved when, where that is known.
     """
 
     name: str
@@ -56,6 +59,7 @@ class Recording:
     source: str = ""
     notes: dict[str, Any] = field(default_factory=dict)
     mag: FloatArray | None = None
+    modes: tuple[Label, ...] = ()
 
     def first(self, seconds: float) -> Recording:
         """The recording's beginning, with the truth of that time; no loop is closed any more."""
@@ -78,4 +82,9 @@ class Recording:
             gyro=self.gyro[kept],
             mag=None if self.mag is None else self.mag[kept],
             truth=truth,
+            modes=tuple(
+                replace(label, end_s=min(label.end_s, seconds))
+                for label in self.modes
+                if label.start_s < seconds
+            ),
         )

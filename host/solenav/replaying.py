@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from array import array
 from binascii import crc32
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,8 @@ from solenav.capture.file import CaptureWriter
 from solenav.capture.sidecar import truth_notes, write_sidecar, write_truth
 from solenav.engines.source import fingerprint
 from solenav.link import FrameWriter
+from solenav.modes import labels
+from solenav.modes.labels import Label
 from solenav.recording import Truth
 from solenav_core import messages, navigator
 
@@ -84,7 +86,9 @@ def _pack_sample(buffer: bytearray, at: int, samples: Samples, row: int) -> int:
     return at + messages.SIZES[messages.SAMPLE]
 
 
-def _opening(pen: _Pen, params: array[int], text: str, pose_every: int) -> bytes:
+def _opening(
+    pen: _Pen, params: array[int], text: str, pose_every: int, forest: array[int] | None = None
+) -> bytes:
     """HELLO and PARAMS of a run made on the host."""
     hello = bytearray(_BUFFER)
     messages.pack_into(
@@ -94,6 +98,7 @@ def _opening(pen: _Pen, params: array[int], text: str, pose_every: int) -> bytes
         messages.SCHEMA,
         int(fingerprint()[:8], 16),
         crc32(params),
+        navigator.forest_hash(navigator.new_tables(forest)),
         params[messages.NAMES.index("RATE_MHZ")],
         pose_every,
         0,
@@ -121,22 +126,27 @@ def write_samples(
     text: str,
     notes: dict[str, Any],
     truth: Truth | None,
+    modes: Sequence[Label] = (),
 ) -> None:
-    """A capture of samples alone, as `simulate` and `import` make it, with sidecar and truth."""
+    """A capture of samples alone, as `simulate` and `import` make it, with what is beside it."""
     pen = _Pen()
     with CaptureWriter(path, flush=False) as writer:
         writer.write(0.0, _opening(pen, params, text, 0))
         for row in range(len(samples.counts)):
             writer.write(samples.time_us[row] * 1e-6, pen.sample(row + 1, samples, row))
-    finish(path, notes, truth)
+    finish(path, notes, truth, modes)
 
 
-def finish(path: Path, notes: dict[str, Any], truth: Truth | None) -> None:
-    """Sidecar and truth beside a capture."""
+def finish(
+    path: Path, notes: dict[str, Any], truth: Truth | None, modes: Sequence[Label] = ()
+) -> None:
+    """Sidecar, truth and labels of motion beside a capture."""
     about = truth_notes(truth)
     write_sidecar(path, {**notes, **({"truth": about} if about else {})})
     if truth is not None and len(truth.time_s):
         write_truth(path, truth)
+    if modes:
+        labels.write(path, modes)
 
 
 def parameter_changes(capture: Capture) -> dict[int, array[int]]:
@@ -152,6 +162,7 @@ def replay(
     path: Path,
     *,
     engine: str | None = None,
+    forest: array[int] | None = None,
     pose_every: int = 1,
     snapshot_s: float = 10.0,
     progress: Callable[[int], None] = lambda done: None,
@@ -159,19 +170,19 @@ def replay(
     """Run an engine over all samples of a capture, as one run, and write the frames of it.
 
     A POSE on every `pose_every`-th tick, a SNAPSHOT every `snapshot_s` seconds; parameters change
-    where they did on the board. `progress` gets the number of samples done now and then.
-    SolenavError where there is nothing to run on.
+    where they did on the board. `forest` (words) replaces the shipped one. `progress` gets the
+    number of samples done now and then. SolenavError where there is nothing to run on.
     """
     capture.need_samples()
     params = capture.params[0][1][:]
     changes = parameter_changes(capture)
     samples = samples_of(capture)
-    runner = engines.create(engine or engines.default_name(), params)
+    runner = engines.create(engine or engines.default_name(), params, forest)
     rows = samples.words
     every = round(snapshot_s * capture.rate_hz())
     pen = _Pen()
     with CaptureWriter(path, flush=False) as writer:
-        writer.write(0.0, _opening(pen, params, f"replay on {engine}", pose_every))
+        writer.write(0.0, _opening(pen, params, f"replay on {engine}", pose_every, forest))
         for row in range(len(samples.counts)):
             if changes.get(row, params) != params:
                 params[:] = changes[row]
@@ -185,7 +196,7 @@ def replay(
             if row % 200 == 0:
                 progress(row)
     progress(len(samples.counts))
-    finish(path, {**capture.sidecar, "replayed": engine}, capture.truth)
+    finish(path, {**capture.sidecar, "replayed": engine}, capture.truth, capture.modes)
     return runner
 
 

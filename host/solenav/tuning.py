@@ -248,10 +248,11 @@ def tune(
     held_out_gain = None
     if len(left_out):
         # Row 0 of the pool is the start.
-        held_out_gain = math.exp(float(np.mean(_log(pool[0, -len(left_out) :]) - _log(left_out))))
+        at_start = pool[0, -len(left_out) :]
+        held_out_gain = math.exp(float(np.mean(log_of(at_start) - log_of(left_out))))
     report = Report(
         settings=tuned,
-        rate_hz=_rate(walks),
+        rate_hz=rate_of(walks),
         dimensions=dimensions,
         recordings=judged,
         gain=math.exp(float(before.mean() - objective.mean())),
@@ -352,7 +353,7 @@ def _halves(walk: Walk) -> list[Walk]:
     ]
 
 
-def _params(walk: Walk, settings: Settings) -> array[int]:
+def params_of(walk: Walk, settings: Settings) -> array[int]:
     """The core's parameters for a walk, at the walk's own initial heading."""
     values = parameters.to_integers(settings, walk.rate_hz)
     for name in ("YAW_W", "YAW_Z"):
@@ -363,7 +364,7 @@ def _params(walk: Walk, settings: Settings) -> array[int]:
 
 def run(walk: Walk, settings: Settings) -> Trace:
     """The core over a walk, at the walk's own initial heading."""
-    return trace(walk.counts, _params(walk, settings))
+    return trace(walk.counts, params_of(walk, settings))
 
 
 def error_m(walk: Walk, found: Trace) -> float:
@@ -391,20 +392,21 @@ def _distance(walk: Walk, settings: Settings) -> float:
     return float(run(walk, settings).distance[-1])
 
 
-def _log(errors: FloatArray) -> FloatArray:
+def log_of(errors: FloatArray) -> FloatArray:
+    """Logarithms of errors in m, none counted as less than `FLOOR_M`."""
     return np.log(np.maximum(errors, FLOOR_M))
 
 
 def _objective(errors: FloatArray) -> FloatArray:
     """Mean logarithm of errors (k, recordings), (k,)."""
-    return np.asarray(_log(errors).mean(axis=1))
+    return np.asarray(log_of(errors).mean(axis=1))
 
 
 def _geometric_mean(errors: FloatArray) -> float:
     return float(np.exp(np.log(np.maximum(errors, 1e-6)).mean()))
 
 
-def _rate(walks: Sequence[Walk]) -> float:
+def rate_of(walks: Sequence[Walk]) -> float:
     """The rate that the firmware is to run at: the recordings', where they agree on one."""
     rates = np.array([walk.rate_hz for walk in walks])
     reference = parameters.REFERENCE_RATE_HZ
@@ -685,7 +687,7 @@ def _left_out(pool: FloatArray, walks: int) -> FloatArray:
     units = pool if walks > 1 else pool[:, 1:]
     if units.shape[1] < 2:
         return np.empty(0)
-    logs = _log(units)
+    logs = log_of(units)
     total = logs.sum(axis=1)
     return np.array([units[int((total - logs[:, i]).argmin()), i] for i in range(units.shape[1])])
 

@@ -31,6 +31,7 @@ _STAGES = {
     "peak_rate": "align",
     "gravity": "align",
     "bias": "strapdown",
+    "motion": "forest",
     "m2": "particles",
     "n_eff": "particles",
     "threshold": "particles",
@@ -88,14 +89,15 @@ class Report:
 class _Run:
     """The core as it follows the capture."""
 
-    def __init__(self, capture: Capture, engine: str) -> None:
+    def __init__(self, capture: Capture, engine: str, forest: array[int] | None) -> None:
         self.report = Report(engine, samples=len(capture.samples))
         self.counts = capture.sample_counts
         self.ticks = capture.samples.tick
         # The rows at which a stretch of consecutive ticks ends.
         self.breaks = np.append(np.flatnonzero(np.diff(self.ticks) != 1) + 1, len(self.ticks))
         self.params = capture.params[0][1][:]
-        self.engine = engines.create(engine, self.params)
+        self.forest = forest
+        self.engine = engines.create(engine, self.params, forest)
         self.tick = 0
         self.row = 0
         self.in_step = True  # the engine's state is that of the board
@@ -104,7 +106,7 @@ class _Run:
         self.heard = (-1, 0)  # tick and digest of the last message that wasn't compared
 
     def restart(self) -> None:
-        self.engine = engines.create(self.report.engine, self.params)
+        self.engine = engines.create(self.report.engine, self.params, self.forest)
         self.waiting = 0
 
     def change(self, params: array[int]) -> None:
@@ -163,14 +165,17 @@ def verify(
     capture: Capture,
     engine: str | None = None,
     progress: Callable[[int], None] = lambda done: None,
+    forest: array[int] | None = None,
 ) -> Report:
     """Compare a capture with the core, up to the first difference.
 
-    SolenavError (exit code 2) where it can't be compared: another schema, no samples, nothing
+    `forest`: the words of the one that the board had, where it isn't the shipped one. SolenavError
+    (exit code 2) where it can't be compared: another schema, another forest, no samples, nothing
     to compare with.
     """
     capture.need_samples()
-    run = _Run(capture, engine or engines.default_name())
+    capture.need_forest(forest)
+    run = _Run(capture, engine or engines.default_name(), forest)
     items = _items(capture)
     if not items:
         raise SolenavError(

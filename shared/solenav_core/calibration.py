@@ -13,7 +13,7 @@ from solenav_core.qmath import clamp
 _FIELD_MAX = const(26000)  # 488 µT in Q4 counts: three squares fit one word
 
 _S_MOUNT = const(33)
-_S_BIAS = const(86)
+_S_BIAS = const(407)
 _P_ACC_XX = const(1)
 _P_ACC_BX = const(10)
 _P_GYRO_XX = const(13)

@@ -1,8 +1,9 @@
 """Variances of velocity, position and tilt: one scalar set per axis (docs/algorithm.md, step 2).
 
 East and North velocity errors grow with the tilt about the other axis (gamma = g dt); Up has no
-such coupling. The tilt of set E is the one about North, of set N the one about minus East, so
-that both couple with the same sign. Products are written out in halves, as in `strapdown`.
+such coupling, but the strikes of the foot. The tilt of set E is the one about North, of set N the
+one about minus East, so that both couple with the same sign. Products are written out in halves,
+as in `strapdown`.
 """
 
 from solenav_core.compat import const, micropython, ptr32
@@ -10,19 +11,22 @@ from solenav_core.qmath import clamp, mulsat, mulshift
 
 _LIMIT = const(0x3FFFFFFF)  # 16 (m/s)², 64 m²/s and m², 4 rad m/s and rad m, 1 rad²
 
-_S_P_VV = const(90)
-_S_P_PV = const(93)
-_S_P_PP = const(96)
-_S_P_VT = const(99)
-_S_P_PT = const(101)
-_S_P_TT = const(103)
-_S_DP_VV = const(105)
+_S_ACC_NORM = const(37)
+_S_P_VV = const(411)
+_S_P_PV = const(414)
+_S_P_PP = const(417)
+_S_P_VT = const(420)
+_S_P_PT = const(422)
+_S_P_TT = const(424)
+_S_DP_VV = const(426)
 _P_DT = const(41)
-_P_GAMMA = const(62)
-_P_GAMMA2 = const(63)
-_P_Q_VV_H = const(64)
-_P_Q_VV_U = const(65)
-_P_Q_TT = const(66)
+_P_GAMMA = const(75)
+_P_GAMMA2 = const(76)
+_P_Q_VV_H = const(77)
+_P_Q_VV_U = const(78)
+_P_STRIKE_MIN = const(79)
+_P_STRIKE = const(80)
+_P_Q_TT = const(81)
 
 
 @micropython.viper
@@ -72,6 +76,11 @@ def grow(s: ptr32, p: ptr32) -> int:
             s[_S_P_TT + i] = int(clamp(p_tt + p[_P_Q_TT], _LIMIT))
         else:
             d_vv = p[_P_Q_VV_U]
+            over = s[_S_ACC_NORM] - p[_P_STRIKE_MIN]
+            if over > 0:
+                # What the samples of a strike miss of its impulse comes at the end of the swing.
+                over = over >> 3
+                d_vv = int(clamp(d_vv + int(mulsat(over * over, p[_P_STRIKE], 22)), _LIMIT))
         s[_S_P_PP + i] = int(clamp(s[_S_P_PP + i] + d_pp, _LIMIT))
         s[_S_P_PV + i] = int(clamp(p_pv + d_pv, _LIMIT))
         p_new = int(clamp(p_vv + d_vv, _LIMIT))

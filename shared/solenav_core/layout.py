@@ -13,6 +13,8 @@ writes those lines from here and a test compares them.
 PARTICLES = 100
 CELL_M = 4096  # a position is so many metres a cell, and POS inside it
 WINDOW_MAX = 31  # 31 squared deviations of 13 bits are the most that fit one word
+FEATURES = 56  # of a window; as many sums make them, see features.py
+CLASSES = 5  # that the forest tells apart; the motion is one more, 0 for unknown
 
 STATE_FIELDS = (
     ("TICK", 1, "navigator", "samples processed"),
@@ -39,6 +41,30 @@ STATE_FIELDS = (
     ("RING_FILL", 1, "detector", "entries in use"),
     ("RING", WINDOW_MAX, "detector", "Q7 m/s², |a| of the last samples, limited to 64 m/s²"),
     ("STILLEST", 1, "detector", "Q12, least T of late, at least 1"),
+    ("GLRT", 1, "detector", "Q5, T of the GLRT detector's window, at most 2**20"),
+    ("GLRT_HEAD", 1, "detector", "index of the next entry in its ring"),
+    ("GLRT_FILL", 1, "detector", "entries in use"),
+    ("GLRT_SUM", 3, "detector", "Q6 m/s², sum of the forces in the window"),
+    ("GLRT_SQUARES", 3, "detector", "Q12 (m/s²)², sum of their squares"),
+    ("GLRT_TURN", 1, "detector", "(2 counts)², sum of the squared rates"),
+    ("GLRT_RING", 4 * WINDOW_MAX, "detector", "force, Q6 m/s², and squared rate, sample by sample"),
+    ("STRIDE", 1, "features", "MOTION_STRIDE of the blocks in use"),
+    ("PAUSE", 1, "features", "ticks to the next sample"),
+    ("BLOCK_FILL", 1, "features", "samples in the open block"),
+    ("BLOCK_SLOT", 1, "features", "which of the three it is"),
+    ("BLOCKS", 1, "features", "closed blocks that follow on each other, at most 2"),
+    (
+        "STAGE",
+        1,
+        "features",
+        "what is next for the last window: 0 to 3 half a group, then trees; 255 done",
+    ),
+    ("SUMS", 3 * FEATURES, "features", "three blocks; the oldest turns into features"),
+    ("SCORE", CLASSES, "forest", "weights of the trees asked so far"),
+    ("VOTE", CLASSES, "forest", "the windows' scores, each counting half as much as the next"),
+    ("RIVAL", 1, "forest", "what the last windows were taken for"),
+    ("RIVAL_WINDOWS", 1, "forest", "how many of them in a row"),
+    ("MOTION", 1, "forest", "0 unknown, 1 still, 2 walk, 3 run, 4 upstairs, 5 downstairs"),
     ("ATT", 4, "strapdown", "Q30, body to ENU, scalar first"),
     ("VEL", 3, "strapdown", "Q24 m/s, ENU"),
     ("POS", 3, "strapdown", "Q18 m, ENU, inside the cell"),
@@ -93,6 +119,7 @@ WORK_FIELDS = (
     ("RATE", 3, "calibration", "Q8 counts, rate less bias, body"),
     ("FIELD", 3, "calibration", "Q4 counts, magnetic field, body"),
     ("UNREST", 1, "detector", "Q8, u: T of this sample over the least of late"),
+    ("SIGNAL", 5, "features", "what goes into the sums: a vector, its length, a velocity"),
     ("ERR", 3, "particles", "Q24 m/s, estimated velocity error d"),
     ("VAR", 3, "particles", "s² in units of the spread's scale"),
     ("SCALE", 3, "particles", "right shift from Q16 m/s to a scale on which sums of squares fit"),
@@ -125,6 +152,7 @@ TABLE_FIELDS = (
         "",
         "Q11, whitened standard normal vectors: all E, all N, all U",
     ),
+    ("FOREST", 1, "", "number of trees; the rest of the forest follows, see forest.py"),
 )
 
 

@@ -42,6 +42,7 @@ ASK_BUS_TEST = 0x49
 ASK_INJECT = 0x4A
 ASK_PARAM = 0x4B
 INJECT = 0x4C
+ASK_FOREST = 0x4D
 
 # SAMPLE flags
 CLIPPED_ACC = 1
@@ -75,6 +76,8 @@ LEVELS = ("info", "warning", "error")
 
 SENSORS = ("none", "MPU-6050", "MPU-9150")
 
+_MOTION = "0 unknown, 1 still, 2 walk, 3 run, 4 upstairs, 5 downstairs"
+
 MESSAGES = (
     (
         HELLO,
@@ -84,6 +87,7 @@ MESSAGES = (
             ("schema", "H", 1, "", "hash of the message schema: the seed of all other CRCs"),
             ("build", "I", 1, "", "hash of firmware and core files"),
             ("params", "I", 1, "", "CRC-32 of the parameters"),
+            ("forest", "I", 1, "", "CRC-32 of the forest that tells motions apart"),
             ("rate", "I", 1, "mHz", "nominal sample rate"),
             ("pose_every", "H", 1, "ticks", "a POSE on every so many ticks"),
             ("sensor", "B", 1, "", "0 none, 1 MPU-6050, 2 MPU-9150"),
@@ -161,6 +165,7 @@ MESSAGES = (
                 "",
                 "1 stance, 2 navigating, 4 covariance frozen, 8 saturated, 16 gap, 32 resumed",
             ),
+            ("motion", "B", 1, "", _MOTION),
             ("threshold", "H", 1, "Q14", "adaptive threshold M"),
             ("n_eff", "H", 1, "Q8", "effective sample size"),
             ("m2", "I", 1, "Q10", "normalised innovation squared"),
@@ -202,6 +207,7 @@ MESSAGES = (
         "every second",
         (
             ("mode", "B", 1, "", "0 idle, 1 aligning, 2 navigating, 3 fault, 4 resuming"),
+            ("motion", "B", 1, "", _MOTION),
             ("samples", "I", 1, "", "samples read since start"),
             ("overruns", "I", 1, "", "samples that came before the last one was read"),
             ("gaps", "I", 1, "", "times that samples were lost"),
@@ -368,6 +374,17 @@ MESSAGES = (
             ("sample", "h", 10, "", "the core's words: force, rate, field, flags and lost"),
         ),
     ),
+    (
+        ASK_FOREST,
+        "ASK_FOREST",
+        "command: a piece of another forest, in order; whole, it is checked and kept in flash; "
+        "refused while sampling and where it is none; a total of 0: back to the shipped one",
+        (
+            ("offset", "H", 1, "words", "where the piece goes"),
+            ("total", "H", 1, "words", "size of the forest"),
+            ("words", "i", 12, "", "of the last piece those past the total don't count"),
+        ),
+    ),
 )
 
 # Types whose frames every version can read: they carry the standard CRC seed.
@@ -405,6 +422,7 @@ _ALIGN = _AT["ATT"], _AT["BIAS"], _AT["GRAVITY"], _AT["AL_BEST"]
 _POSE = (_AT["POS"], _AT["CELL"], _AT["VEL"], _AT["ATT"], _AT["THRESHOLD"], _AT["N_EFF"])
 _POSE2 = (_AT["M2"], _AT["ACC_NORM"], _AT["RESAMPLED"], _AT["STEPS"], _AT["DISTANCE"])
 _FLAGS = (_AT["STANCE"], _AT["MODE"], _AT["SWING_TICKS"], _AT["SATURATED"])
+_MOVED = _AT["MOTION"]
 _TRUST = _AT["GAPS"], _AT["LOCKOUTS"], _AT["RESUMED"]
 _FREEZE = NAMES.index("FREEZE_TICKS")
 _STEP = _AT["STEP_MOVE"], _AT["STEP_TURN"], _AT["HEADING_LAST"], _AT["STEP_VAR"], _AT["STEP_TICKS"]
@@ -441,8 +459,8 @@ def pack_pose(buf, at, s, params):
     pack_into(
         FORMATS[POSE], buf, at, s[p], s[p + 1], s[p + 2],
         _byte(s[c]), _byte(s[c + 1]), _byte(s[c + 2]), s[v], s[v + 1], s[v + 2],
-        s[q], s[q + 1], s[q + 2], s[q + 3], flags, s[threshold], s[n_eff], s[m2], s[norm],
-        s[resampled], s[steps] & 65535, s[distance], digest(s),
+        s[q], s[q + 1], s[q + 2], s[q + 3], flags, s[_MOVED], s[threshold], s[n_eff], s[m2],
+        s[norm], s[resampled], s[steps] & 65535, s[distance], digest(s),
     )
     # fmt: on
     return at + SIZES[POSE]

@@ -12,13 +12,17 @@ from solenav_core.align import align
 from solenav_core.calibration import condition
 from solenav_core.compat import const, micropython, ptr32
 from solenav_core.covariance import grow
-from solenav_core.detector import detect, push
+from solenav_core.detector import collect, detect, push
+from solenav_core.features import observe_motion, summarise
+from solenav_core.forest import classify
 from solenav_core.heading import steer
 from solenav_core.layout import SAMPLE_FIELDS, STATE_FIELDS, WORK_FIELDS, offsets, size
 from solenav_core.particles import stir, update
 from solenav_core.qmath import clamp
 from solenav_core.steps import stood, swung
 from solenav_core.strapdown import propagate, recentre
+from solenav_core.tables.forest import FOREST
+from solenav_core.tables.lookup import TABLES
 
 # What `tick` returns: bits.
 ALIGNED = 1  # a static start was taken on this tick; a better one may follow
@@ -28,8 +32,10 @@ RESAMPLED = 8
 LOCKED_OUT = 16  # H1: zero velocity accepted after the filter had been locked out
 BROKEN = 32  # more samples were lost before this one than can be bridged
 STEERED = 64  # the magnetometer corrected the heading
+CLASSIFIED = 128  # the forest has had its say on a window, whose features are in the state
 
 _TOP = const(0x3FFFFFFF)
+_IDLE = const(255)  # features: STAGE of a window that is dealt with
 _MAG_NEW = const(8)  # messages.MAG_NEW
 
 _S_TICK = const(0)
@@ -39,21 +45,26 @@ _S_GAPS = const(9)
 _S_AL_DONE = const(12)
 _S_STANCE = const(36)
 _S_STILL_TICKS = const(38)
-_S_BIAS = const(86)
-_S_SWING_TICKS = const(108)
-_S_OBSERVED = const(111)
-_S_SINCE_CONSISTENT = const(113)
-_S_POS_LAST = const(522)
-_S_POS_REF = const(525)
+_S_BIAS = const(407)
+_S_STRIDE = const(207)
+_S_PAUSE = const(208)
+_S_STAGE = const(212)
+_S_SWING_TICKS = const(429)
+_S_OBSERVED = const(432)
+_S_SINCE_CONSISTENT = const(434)
+_S_POS_LAST = const(843)
+_S_POS_REF = const(846)
 _P_BIAS_MAX = const(48)
-_P_STILL_TICKS = const(60)
-_P_STILL_GAIN = const(61)
-_P_FREEZE_TICKS = const(67)
-_P_STEP_SWING = const(93)
-_P_UNREST_MAX = const(57)
-_P_UNREST_SURE = const(58)
-_P_BRIDGE_TICKS = const(82)
-_P_MAG_GAIN = const(86)
+_P_DETECTOR = const(54)
+_P_MOTION_STRIDE = const(64)
+_P_STILL_TICKS = const(73)
+_P_STILL_GAIN = const(74)
+_P_FREEZE_TICKS = const(82)
+_P_STEP_SWING = const(108)
+_P_UNREST_MAX = const(70)
+_P_UNREST_SURE = const(71)
+_P_BRIDGE_TICKS = const(97)
+_P_MAG_GAIN = const(101)
 _W_FORCE = const(3)
 _W_RATE = const(6)
 _I_FLAGS = const(9)
@@ -75,6 +86,19 @@ def new_sample():
     return array("i", bytes(4 * size(SAMPLE_FIELDS)))
 
 
+def new_tables(forest=None):
+    """The tables of a tick: constants, and the forest (words as in forest.py) that is shipped or
+    another, which `forest.objection` has let pass."""
+    tables = array("i", TABLES)
+    tables.extend(array("i", FOREST) if forest is None else forest)
+    return tables
+
+
+def forest_hash(tables):
+    """CRC-32 of the forest in the tables: HELLO's `forest`."""
+    return crc32(memoryview(tables)[len(TABLES) :])
+
+
 def reset(state):
     """Back to before the first sample."""
     for i in range(len(state)):
@@ -88,7 +112,7 @@ _KEPT = ("TICK", "MOUNT", "ATT", "POS", "CELL", "BIAS", "GRAVITY", "RNG", "STEPS
 _KEPT += ("HEADING_LAST", "RESUMED", "MAG_NORM", "MAG_UP", "MAG_AZ")
 SAVED = sum([_WORDS[name] for name in _KEPT])
 _FRESH = ("MODE", "AL_COUNT", "AL_DONE", "AL_BEST", "RING_HEAD", "RING_FILL", "STILL_TICKS")
-_FRESH += ("STANCE", "OBSERVED")
+_FRESH += ("STANCE", "OBSERVED", "GLRT_FILL", "STRIDE", "PAUSE", "MOTION")
 
 
 def resume(state):
@@ -186,6 +210,8 @@ def tick(s: ptr32, p: ptr32, w: ptr32, t: ptr32, m: ptr32) -> int:
         s[_S_TICK] = s[_S_TICK] + 1
     int(condition(s, p, w, m))
     int(push(s, p, w))
+    if p[_P_DETECTOR]:
+        int(collect(s, p, w))
     events = 0
     if s[_S_AL_DONE] == 0:
         start = int(align(s, p, w, t, m))
@@ -209,6 +235,19 @@ def tick(s: ptr32, p: ptr32, w: ptr32, t: ptr32, m: ptr32) -> int:
         int(grow(s, p))
     if s[_S_SINCE_CONSISTENT] < _TOP:
         s[_S_SINCE_CONSISTENT] = s[_S_SINCE_CONSISTENT] + 1
+    if p[_P_MOTION_STRIDE] or s[_S_STRIDE]:
+        pause = s[_S_PAUSE] - 1
+        s[_S_PAUSE] = pause
+        if pause < 1:
+            int(observe_motion(s, p, w))
+        # Between two samples there is time for what the last window still needs.
+        stage = s[_S_STAGE]
+        if stage < _IDLE and (pause > 0 or p[_P_MOTION_STRIDE] < 2):
+            s[_S_STAGE] = stage + 1
+            if stage < 4:
+                int(summarise(s, stage >> 1, stage & 1))
+            else:
+                events = events | int(classify(0, 0, s, t, p, (stage - 4) << 3)) << 7
     if int(detect(s, p, w)) == 0:
         if s[_S_SWING_TICKS] < _TOP:
             s[_S_SWING_TICKS] = s[_S_SWING_TICKS] + 1

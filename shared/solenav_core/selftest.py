@@ -16,6 +16,8 @@ from solenav_core import (
     calibration,
     covariance,
     detector,
+    features,
+    forest,
     heading,
     navigator,
     particles,
@@ -27,7 +29,6 @@ from solenav_core.compat import const, micropython, ptr32
 from solenav_core.layout import STATE_FIELDS, WORK_FIELDS, offsets
 from solenav_core.params import NAMES
 from solenav_core.tables.defaults import PARAMS
-from solenav_core.tables.lookup import TABLES
 
 _AT = offsets(STATE_FIELDS)
 _RATE = offsets(WORK_FIELDS)["RATE"]
@@ -45,6 +46,14 @@ _COUNTERS = (
     "STEPS",
     "DISTANCE",
 )
+# Five trees that ask for features of every kind and both groups, with leaves of every weight.
+# fmt: off
+_FOREST = (
+    5, 6, 11, 16, 17, 22, 1313281, -1073741761, 1308846, -931638016, -183488383, 2359323, 1310711,
+    -1073483776, -920350135, -1065875392, -818653942, 1048588, -1073741823, 1572833, -64,
+    -1040187392, 1317150, -1073741761, -16777216,
+)
+# fmt: on
 _FLAT = (0, 0, 2048, 0, 0, 0)
 _MOUNTINGS = ((10, -20, -2047), (2047, 5, 9), (-1200, 1300, -990), (6, -2046, 30), (0, 0, 900))
 
@@ -80,7 +89,7 @@ class _Bench:
         self.w = navigator.new_work()
         self.m = navigator.new_sample()
         self.p = PARAMS
-        self.t = TABLES
+        self.t = navigator.new_tables(array("i", _FOREST))
         self.x = array("i", (12345, 0))
         self.crc = 0
 
@@ -241,6 +250,103 @@ def _detect(b):
             calibration.condition(b.s, b.p, b.w, b.m)
             detector.push(b.s, b.p, b.w)
             b.result(detector.detect(b.s, b.p, b.w))
+    b.arrays()
+
+
+def _collect(b):
+    """Windows of one sample, growing, full and cut short; rest, strides, the ends of the scale."""
+    for window, bits in ((1, 15), (5, 3), (5, 14), (3, 9), (31, 15)):
+        params = _params(b, GLRT_WINDOW=window)
+        for _ in range(7):
+            b.sample(bits)
+            calibration.condition(b.s, b.p, b.w, b.m)
+            b.result(detector.collect(b.s, params, b.w))
+        b.arrays()
+
+
+def _likelihood_ratio(b):
+    """T from far below to far above its threshold, of one motion after the other."""
+    _stand(b)
+    b.s[_AT["GLRT_FILL"]] = 0
+    for i in range(18):
+        params = _params(b, DETECTOR=1 + i % 2, GLRT_WINDOW=4, GLRT_ACC=_TOP >> 5, GLRT_MAX=9 << i)
+        params[NAMES.index("GLRT_RATE")] = 3 << i
+        params[NAMES.index("GLRT_RUN")] = 9000
+        b.s[_AT["MOTION"]] = 3 * (i & 2) >> 1
+        b.sample((2, 2, 5, 11, 15, 8)[i // 3])
+        calibration.condition(b.s, b.p, b.w, b.m)
+        detector.push(b.s, b.p, b.w)
+        detector.collect(b.s, params, b.w)
+        b.result(detector.likelihood_ratio(b.s, params))
+        b.result(detector.detect(b.s, params, b.w))
+        b.arrays()
+
+
+def _sense(b):
+    for bits in (14, 9, 15):
+        b.sample(bits)
+        calibration.condition(b.s, b.p, b.w, b.m)
+        detector.push(b.s, b.p, b.w)
+        for i in range(3):
+            b.s[_AT["VEL"] + i] = b.number(29 - 3 * (bits & 1))
+        for group in range(2):
+            b.result(features.sense(b.s, b.w, group))
+            b.arrays()
+
+
+def _observe_motion(b):
+    """Blocks begun, gone on with and closed; another stride in between, and none."""
+    _stand(b)
+    for i in range(20):
+        if i % 7 == 3:
+            b.s[_AT["BLOCK_FILL"]] = 62
+        b.sample((14, 12)[i & 1])
+        calibration.condition(b.s, b.p, b.w, b.m)
+        detector.push(b.s, b.p, b.w)
+        b.s[_AT["VOTE"] + 4] = 9
+        params = _params(b, MOTION_STRIDE=2 + i // 17 - 3 * (i // 19))
+        b.result(features.observe_motion(b.s, params, b.w))
+        b.arrays()
+
+
+def _summarise(b):
+    """Windows of signals that go far, hardly move or stand still, and their correlations."""
+    for top in (1023, 1023, 200, 30, 9, 0):
+        _stand(b)
+        for at in range(0, 168, 28):
+            value = b.number(10) * top >> 10
+            for i in range(0, 25, 5):
+                # 31 samples of one value, one of another: sums as a block has them.
+                other = 0 - top if i & 1 else b.number(10) * top >> 10
+                y = _AT["SUMS"] + at + i
+                b.s[y] = 31 * value + other
+                b.s[y + 1] = 31 * value * value + other * other
+                b.s[y + 2] = 31 * ((value * value * value + 32) >> 6)
+                b.s[y + 2] += (other * other * other + 32) >> 6
+                b.s[y + 3] = max(value, other)
+                b.s[y + 4] = min(value, other)
+            for i in range(25, 28):
+                b.s[_AT["SUMS"] + at + i] = b.number(6) * value * value >> 1
+        for open_slot in range(3):
+            b.s[_AT["BLOCK_SLOT"]] = open_slot
+            for half in range(2):
+                b.result(features.summarise(b.s, open_slot & 1, half))
+        b.arrays()
+
+
+def _classify(b):
+    """Features on either side of every split; votes that win, tie, change and hold."""
+    _stand(b)
+    for i in range(12):
+        b.s[_AT["BLOCK_SLOT"]] = i % 3
+        for at in range(168):
+            b.s[_AT["SUMS"] + at] = b.number((4, 9, 12)[i % 3])
+        params = _params(b, MOTION_SHARE=(60, 128, 40)[i // 4], MOTION_HOLD=1 + i // 6)
+        for tree in (0, 3):
+            b.result(forest.classify(0, 0, b.s, b.t, params, tree))
+        b.arrays()
+    # No tree at all.
+    b.result(forest.classify(0, 0, b.s, navigator.new_tables(array("i", (0,))), b.p, 0))
     b.arrays()
 
 
@@ -588,6 +694,12 @@ TESTS = (
     ("slower", _slower),
     ("unrest", _unrest),
     ("detect", _detect),
+    ("collect", _collect),
+    ("likelihood ratio", _likelihood_ratio),
+    ("sense", _sense),
+    ("observe motion", _observe_motion),
+    ("summarise", _summarise),
+    ("classify", _classify),
     ("grow", _grow),
     ("shrink", _shrink),
     ("head", _head),

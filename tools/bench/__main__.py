@@ -35,10 +35,10 @@ _TICKS = {"pure": 4000, "checked": 600, "fast": 400_000, "thumb": 1200}
 _HEAP_SCRIPT = """
 import gc
 from solenav_core import navigator
-from solenav_core.tables.lookup import TABLES
 from solenav_core.tables.defaults import PARAMS
 state = navigator.new_state()
 work = navigator.new_work()
+tables = navigator.new_tables()
 sample = navigator.new_sample()
 sample[2] = 2048
 
@@ -46,7 +46,7 @@ def run(ticks, rate):
     sample[3] = rate
     i = 0
     while i < ticks:
-        navigator.tick(state, PARAMS, work, TABLES, sample)
+        navigator.tick(state, PARAMS, work, tables, sample)
         i += 1
 
 def allocated(ticks, rate):

@@ -69,4 +69,4 @@ def run(
             writer.write(last, rest)
         board.wait()
         board.check()
-    replaying.finish(output, {**source.sidecar, "board": "simulated"}, source.truth)
+    replaying.finish(output, {**source.sidecar, "board": "simulated"}, source.truth, source.modes)

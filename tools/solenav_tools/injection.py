@@ -24,7 +24,7 @@ from solenav.capture.contents import Fragments
 from solenav.errors import SolenavError
 from solenav.link import Frame, FrameReader, command, unpack
 from solenav.link.schema import need_schema
-from solenav_core import messages
+from solenav_core import messages, navigator
 from solenav_tools.matrix import Difference, state_difference
 from solenav_tools.ports import read_some, send
 from solenav_tools.recorder import Asker
@@ -32,6 +32,7 @@ from solenav_tools.recorder import Asker
 _WINDOW = 4  # commands of 36 bytes: the board's receive buffer has 256
 _PATIENCE_S = 1.0
 _TRIES = 10
+_FLASH = "flash the firmware that goes with this host version"
 
 
 @dataclasses.dataclass
@@ -59,15 +60,23 @@ def inject(
     capture: Capture,
     engine: str | None = None,
     progress: Callable[[int], None] = lambda done: None,
+    forest: array[int] | None = None,
 ) -> DeviceReport:
     """All of a capture's samples, as one run from a fresh start, on a board and on the host.
 
     SolenavError without samples, for a board of another schema, one that doesn't answer or
-    refuses; PortVanished. The board goes on with its own run in any case: by itself after 5 s.
+    refuses or has another forest than `forest` (words; None: the shipped one); PortVanished. The
+    board goes on with its own run in any case: by itself after 5 s.
     """
     capture.need_samples()
-    session = _Session(port)
+    session = Session(port)
     hello = session.hello()
+    held = navigator.forest_hash(navigator.new_tables(forest))
+    if hello["forest"] != held:
+        raise SolenavError(
+            f"the board has the forest {hello['forest']:08x}, this is {held:08x}",
+            "give the file that was sent to the board as --forest",
+        )
     name = engine or engines.default_name()
     report = DeviceReport(
         hello["text"].decode("utf-8", "replace"), name, samples=len(capture.samples)
@@ -78,7 +87,7 @@ def inject(
     session.asked(messages.ASK_INJECT, 1)
     began = time.monotonic()
     try:
-        _run(session, capture, words, report, progress)
+        _run(session, capture, words, report, progress, forest)
     except SolenavError:
         # It may have been restarted, or hear nothing: then its own patience ends it.
         session.leave()
@@ -89,15 +98,16 @@ def inject(
 
 
 def _run(
-    session: _Session,
+    session: Session,
     capture: Capture,
     words: NDArray[np.int16],
     report: DeviceReport,
     progress: Callable[[int], None],
+    forest: array[int] | None,
 ) -> None:
     params = capture.params[0][1][:]
     changes = replaying.parameter_changes(capture)
-    core = engines.create(report.engine, params)
+    core = engines.create(report.engine, params, forest)
     held = session.params
     stops = sorted({0, *changes, len(words)})
     for start, stop in pairwise(stops):
@@ -148,7 +158,7 @@ def _run(
             progress(tick)
 
 
-class _Session:
+class Session:
     """The conversation with the board."""
 
     def __init__(self, port: serial.Serial) -> None:
@@ -182,7 +192,7 @@ class _Session:
             1,
         )
 
-    def asked(self, kind: int, *values: int) -> None:
+    def asked(self, kind: int, *values: int, remedy: str = _FLASH) -> None:
         """A command, carried out. SolenavError where it is refused or not heard."""
         for _try in range(_TRIES):
             seq = self._asker.ask(kind, *values)
@@ -198,7 +208,7 @@ class _Session:
                         return
                     raise SolenavError(
                         f"the board refuses {_what(kind, values)}",
-                        "flash the firmware that goes with this host version",
+                        remedy,
                         1,
                     )
         raise SolenavError(

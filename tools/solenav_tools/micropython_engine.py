@@ -43,7 +43,6 @@ folder, want = sys.argv[1:]
 sys.path.insert(0, folder)
 
 from solenav_core import navigator
-from solenav_core.tables.lookup import TABLES
 
 with open("params", "rb") as file:
     params = array("i", file.read())
@@ -51,6 +50,7 @@ state = navigator.new_state()
 with open("lengths", "rb") as file:
     lengths = array("i", file.read())
 work = navigator.new_work()
+tables = navigator.new_tables()
 sample = navigator.new_sample()
 row = array("h", bytes(2 * len(sample)))
 word = array("I", [0])
@@ -66,12 +66,12 @@ def run(ticks, source, out):
         if want == "heap":
             gc.disable()
             before = gc.mem_alloc()
-            tick(state, params, work, TABLES, sample)
+            tick(state, params, work, tables, sample)
             word[0] = gc.mem_alloc() - before
             gc.enable()
             out.write(word)
         else:
-            tick(state, params, work, TABLES, sample)
+            tick(state, params, work, tables, sample)
             if want == "digests":
                 word[0] = navigator.digest(state)
                 out.write(word)

@@ -52,6 +52,10 @@ def measured() -> dict[str, list[Reached]]:
         params = torture.steering(parameters.to_integers(parameters.Settings(), 200.0), mounted)
         for case in torture.fields():
             recorder.run(case.name, case.counts, params, case.prepare)
+    for longest in (False, True):
+        params = torture.detecting(parameters.to_integers(parameters.Settings(), 200.0), longest)
+        for case in torture.stances():
+            recorder.run(case.name, case.counts, params, case.prepare)
     return recorder.reached()
 
 

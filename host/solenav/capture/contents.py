@@ -20,8 +20,10 @@ from solenav.capture.sidecar import read_sidecar, read_truth
 from solenav.errors import SolenavError
 from solenav.link import FIELDS, NAMES, Damage, Frame, FrameReader, unpack
 from solenav.link.schema import need_schema
+from solenav.modes import labels
+from solenav.modes.labels import Label
 from solenav.recording import FloatArray, Truth
-from solenav_core import layout, messages
+from solenav_core import layout, messages, navigator
 
 _CODES = {"b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4"}
 _TABLES = (messages.SAMPLE, messages.POSE, messages.STEP, messages.ALIGN, messages.STATUS)
@@ -86,6 +88,11 @@ class Capture:
         """The truth beside the capture, or None. SolenavError where its file is damaged."""
         return read_truth(self.path)
 
+    @cached_property
+    def modes(self) -> tuple[Label, ...]:
+        """How the foot moved when, as the table beside the capture says. See `labels.read`."""
+        return labels.read(self.path)
+
     @property
     def sample_counts(self) -> NDArray[np.int16]:
         """All samples as the core takes them, (n, 10): ax ay az gx gy gz mx my mz flags."""
@@ -112,6 +119,19 @@ class Capture:
             )
         for _order, values in self.params:
             parameters.checked(values.tolist())
+
+    def need_forest(self, forest: array[int] | None) -> None:
+        """SolenavError where a board said that it had another forest than this; None: the shipped.
+
+        Without it the core comes to other motions, and so to other states.
+        """
+        held = navigator.forest_hash(navigator.new_tables(forest))
+        for _order, hello in self.hellos:
+            if hello["forest"] != held:
+                raise SolenavError(
+                    f"{self.path} ran with the forest {hello['forest']:08x}, this is {held:08x}",
+                    "give the file that was sent to the board as --forest",
+                )
 
     def need_schema(self) -> None:
         """SolenavError where the firmware spoke another schema than this host."""

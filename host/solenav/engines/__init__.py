@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from solenav.errors import SolenavError
 from solenav_core import navigator
-from solenav_core.layout import STATE_FIELDS, WINDOW_MAX, offsets
-from solenav_core.tables.lookup import TABLES
+from solenav_core.layout import CLASSES, STATE_FIELDS, WINDOW_MAX, offsets
 
 NAMES = ("pure", "checked", "fast", "thumb")
 _AT = offsets(STATE_FIELDS)
@@ -26,6 +25,12 @@ _MODE = _AT["MODE"]
 _INDICES = (
     (_AT["RING_HEAD"], WINDOW_MAX - 1),
     (_AT["RING_FILL"], WINDOW_MAX),
+    (_AT["GLRT_HEAD"], WINDOW_MAX - 1),
+    (_AT["GLRT_FILL"], WINDOW_MAX),
+    (_AT["BLOCK_SLOT"], 2),
+    (_AT["STAGE"], 255),
+    (_AT["RIVAL"], CLASSES),
+    (_AT["MOTION"], CLASSES),
     (_AT["RNG"], 65535),
     (_AT["RNG"] + 1, 65535),
 )
@@ -38,7 +43,7 @@ class Engine:
     would hold after the same samples.
     """
 
-    def __init__(self, name: str, params: array[int]) -> None:
+    def __init__(self, name: str, params: array[int], forest: array[int] | None = None) -> None:
         self.name = name
         self.params = params
         self.state = navigator.new_state()
@@ -46,7 +51,7 @@ class Engine:
             self.state,
             params,
             navigator.new_work(),
-            array("i", TABLES),
+            navigator.new_tables(forest),
             navigator.new_sample(),
         )
         self._advance = self._looped(navigator.tick)
@@ -122,15 +127,18 @@ class Engine:
             self.state[i] = word
 
 
-def create(name: str, params: array[int]) -> Engine:
-    """An engine by name. SolenavError for an unknown name, or `fast` without numba."""
+def create(name: str, params: array[int], forest: array[int] | None = None) -> Engine:
+    """An engine by name, with another `forest` (words as `forests.pack` makes) than the shipped.
+
+    SolenavError for an unknown name, or `fast` without numba.
+    """
     if name not in NAMES:
         raise SolenavError(f"there is no engine {name!r}", f"choose one of {', '.join(NAMES)}")
     if name == "thumb":
         from solenav.engines import device_form, thumb
 
-        return thumb.ThumbEngine(params, device_form.kernel_modules())
-    return Engine(name, params)
+        return thumb.ThumbEngine(params, device_form.kernel_modules(), forest)
+    return Engine(name, params, forest)
 
 
 def default_name() -> str:

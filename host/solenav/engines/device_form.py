@@ -22,6 +22,8 @@ INLINE = {
     "calibration": ("mounted",),
     "heading": ("strength", "error", "apart"),
     "detector": ("push", "unrest"),
+    "features": ("sense", "describe", "relate"),
+    "forest": ("elect",),
     "particles": (
         "row",
         "stir",

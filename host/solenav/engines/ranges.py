@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from solenav.engines import checked, source
 from solenav_core import navigator
-from solenav_core.tables.lookup import TABLES
 
 
 @dataclass(frozen=True)
@@ -131,7 +130,7 @@ class Recorder:
         RangeError where a word would have overflowed.
         """
         state = navigator.new_state()
-        work, sample, tables = navigator.new_work(), navigator.new_sample(), array("i", TABLES)
+        work, sample, tables = navigator.new_work(), navigator.new_sample(), navigator.new_tables()
         if prepare is not None:
             prepare(state)
         tick = self.kernels["tick"]

@@ -22,6 +22,8 @@ MODULES = (
     "heading",
     "align",
     "detector",
+    "features",
+    "forest",
     "covariance",
     "particles",
     "steps",

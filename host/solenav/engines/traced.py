@@ -21,7 +21,6 @@ from solenav.engines import fast
 from solenav.engines.source import kernels
 from solenav.recording import FloatArray
 from solenav_core import layout, navigator
-from solenav_core.tables.lookup import TABLES
 
 _S = layout.offsets(layout.STATE_FIELDS)
 
@@ -45,6 +44,8 @@ _FIELDS = (
     ("N_EFF", 1),
     ("STEPS", 1),
     ("DISTANCE", 1),
+    ("GLRT", 1),
+    ("MOTION", 1),
 )
 _COLUMNS = np.array([_S[name] + i for name, count in _FIELDS for i in range(count)])
 
@@ -103,7 +104,8 @@ class Trace:
 
     `attitude` (n, 4) body to ENU, scalar first; `velocity` m/s and `position` m (n, 3) ENU;
     `gyro_bias` (n, 3) rad/s; `p_vv` (n, 3) (m/s)²; `m2` and `n_eff` (n,) of the last stance
-    tick; `steps` and `distance` (m) so far; `events` (n,) as `navigator.tick` gives them.
+    tick; `steps` and `distance` (m) so far; `glrt` T of the GLRT detector, where that is in use;
+    `motion` as in `forest.MOTIONS`; `events` (n,) as `navigator.tick` gives them.
     """
 
     start: Start
@@ -116,6 +118,8 @@ class Trace:
     n_eff: FloatArray
     steps: NDArray[np.int32]
     distance: FloatArray
+    glrt: FloatArray
+    motion: NDArray[np.int32]
     events: NDArray[np.int32]
     state: array[int]
 
@@ -158,7 +162,7 @@ def trace(
         np.frombuffer(state, np.int32),
         np.frombuffer(params, np.int32),
         work,
-        np.array(TABLES, np.int32),
+        np.frombuffer(navigator.new_tables(), np.int32),
         np.zeros(layout.size(layout.SAMPLE_FIELDS), np.int32),
         np.ascontiguousarray(counts, np.int16),
         np.full(len(counts), -1, np.int8) if imposed is None else imposed.astype(np.int8),
@@ -190,6 +194,8 @@ def trace(
         n_eff=words["N_EFF"] / 2**8,
         steps=words["STEPS"],
         distance=words["DISTANCE"] / 2**10,
+        glrt=words["GLRT"] / 2**5,
+        motion=words["MOTION"],
         events=events,
         state=state,
     )

@@ -3,7 +3,9 @@
 A walk is a row of footprints and the strides between them. In stance the foot is exactly still
 and flat; a stride adds to the way between two footprints polynomial bumps for lift, sway, pitch
 and roll, and a heel-strike transient, all with three vanishing derivatives at both ends. So
-acceleration and jerk are continuous, and the foot comes to rest where the footprint says.
+acceleration and jerk are continuous, and the foot comes to rest where the footprint says. A walk
+is made of legs, each in one style: on a floor, running, or up and down stairs, whose footprints
+are a riser apart. Which way of moving a stride is, is known (`solenav.modes.labels`).
 
 Frames: navigation East-North-Up, body right-front-up (x right, y front of the foot, z up).
 `yaw` is counter-clockwise about Up and 0 where the foot points North; `heading` (azimuth) is
@@ -14,12 +16,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solenav.errors import SolenavError
+from solenav.modes.labels import Label
 from solenav.recording import FloatArray
 
 MAX_DURATION_S = 3600.0
@@ -41,7 +44,7 @@ class Style:
 
     `cycle_s` is the time from lift-off to lift-off and `motion_share` the part of it in which
     the foot is not flat and still; `strike` is the peak upward acceleration of the heel strike
-    in m/s²; angles in radians.
+    in m/s²; angles in radians. `rise_m` is how far a full stride climbs, `mode` what it is called.
     """
 
     stride_m: float
@@ -55,10 +58,26 @@ class Style:
     toe_out: float = math.radians(8)
     sway_m: float = 0.03
     variation: float = 0.04
+    rise_m: float = 0.0
+    mode: str = "walk"
 
 
 BRISK = Style(1.2, 1.05, 0.61, 0.14, math.radians(58), math.radians(24), 40.0)
 SLOW = Style(0.8, 1.8, 0.44, 0.12, math.radians(50), math.radians(20), 28.0)
+HURRIED = Style(1.6, 0.92, 0.66, 0.16, math.radians(62), math.radians(28), 60.0)
+RUN = Style(
+    2.1, 0.72, 0.86, 0.26, math.radians(80), math.radians(16), 110.0, variation=0.05, mode="run"
+)
+RISER_M = 0.15
+UPSTAIRS = Style(
+    0.66, 1.0, 0.62, 0.13, math.radians(32), math.radians(6), 60.0, rise_m=2 * RISER_M,
+    mode="upstairs",
+)  # fmt: skip
+DOWNSTAIRS = Style(
+    0.68, 0.86, 0.62, 0.05, math.radians(36), math.radians(4), 80.0, rise_m=-2 * RISER_M,
+    mode="downstairs",
+)  # fmt: skip
+"""Strides, times and risers of the stairs are those of gaitmap's recordings of one flight."""
 FAST = Style(1.5, 0.88, 0.64, 0.16, math.radians(62), math.radians(26), 55.0)
 
 
@@ -68,6 +87,7 @@ class Gait:
 
     `foot` (K + 1, 3) positions ENU in m, `yaw` (K + 1,) in rad, unwrapped; `lift_off` and
     `landing` in s bound the motion of each stride; the others are amplitudes as in `Style`.
+    `modes` say how the foot moves when.
     """
 
     duration_s: float
@@ -82,6 +102,7 @@ class Gait:
     roll: FloatArray
     toe_out: FloatArray
     sway_m: FloatArray
+    modes: tuple[Label, ...] = ()
 
     @property
     def initial_heading_rad(self) -> float:
@@ -129,8 +150,9 @@ def motion(gait: Gait, time_s: FloatArray) -> Motion:
     hit, hit_dw = bump(w, 4, 4)
 
     chord = np.diff(gait.foot, axis=0)
-    length = np.linalg.norm(chord, axis=1, keepdims=True)
-    front = chord / np.where(length > 0, length, 1.0)
+    level = chord * [1.0, 1.0, 0.0]
+    length = np.linalg.norm(level, axis=1, keepdims=True)
+    front = level / np.where(length > 0, length, 1.0)
     right = np.stack([front[:, 1], -front[:, 0], 0 * front[:, 0]], axis=1)
     up = np.array([0.0, 0.0, 1.0])
     # The heel pad gives way downward and forward and comes back: no net velocity or distance.
@@ -248,51 +270,147 @@ def rounded_rectangle(length: float, width: float, radius: float, yaw: float) ->
     return Path(yaw, ((long / 2, 0.0), *half_round, (long, 0.0), *half_round, (long / 2, 0.0)))
 
 
+@dataclass(frozen=True)
+class Leg:
+    """A part of a course in one `style`, along `pieces` as in `Path`; then `rest_s` of standing."""
+
+    style: Style
+    pieces: tuple[tuple[float, float], ...]
+    rest_s: float = 0.0
+
+    @property
+    def length(self) -> float:
+        return sum(length for length, _ in self.pieces)
+
+
 def walk(
     path: Path, style: Style, rng: np.random.Generator, before_s: float, duration_s: float
 ) -> Gait:
-    """A walk along `path`, still for `before_s` before it and after it until `duration_s`.
+    """A walk along `path` in one style: see `course`."""
+    return course(path.yaw, (Leg(style, path.pieces),), rng, before_s, duration_s)
+
+
+def course(
+    yaw: float,
+    legs: tuple[Leg, ...],
+    rng: np.random.Generator,
+    before_s: float,
+    duration_s: float | None = None,
+) -> Gait:
+    """Legs one after another from the origin, still for `before_s` before and until `duration_s`.
 
     The first and the last stride are half ones, as in a walk that begins and ends with the feet
-    together. Variations are scaled so that the sums, hence end point and duration, are exact.
+    together. Variations are scaled so that each leg's sums, hence end point and duration, are
+    exact; no stride on stairs varies in length, for the treads don't. `duration_s` None stands
+    as long after the walk as before it.
     """
-    count = round(path.length / style.stride_m) + 1
-    check_duration(duration_s, before_s + count * style.cycle_s + MIN_DURATION_S)
+    path = Path(yaw, tuple(piece for leg in legs for piece in leg.pieces))
+    ends = np.zeros(len(legs))
+    ends[0] += 0.5
+    ends[-1] += 0.5
+    counts = [
+        round(leg.length / leg.style.stride_m) + 1
+        if len(legs) == 1
+        else round(leg.length / leg.style.stride_m + end)
+        for leg, end in zip(legs, ends, strict=True)
+    ]
+    walked = sum(n * leg.style.cycle_s + leg.rest_s for n, leg in zip(counts, legs, strict=True))
+    if duration_s is None:
+        duration_s = 2 * before_s + walked
+    check_duration(duration_s, before_s + walked + MIN_DURATION_S)
+    count = sum(counts)
+    of_leg = np.repeat(np.arange(len(legs)), counts)
+
+    def each(name: str) -> FloatArray:
+        """What the style of each stride's leg says, (count,)."""
+        return np.array([getattr(leg.style, name) for leg in legs])[of_leg]
 
     def vary() -> FloatArray:
-        return 1 + style.variation * np.clip(rng.standard_normal(count), -2, 2)
+        return 1 + each("variation") * np.clip(rng.standard_normal(count), -2, 2)
 
     share = np.ones(count)
     share[[0, -1]] = 0.5
-    strides = share * vary()
-    strides *= path.length / strides.sum()
+    level = each("rise_m") == 0.0
+    strides = share * np.where(level, vary(), 1.0)
     cycles = vary()
-    cycles *= count * style.cycle_s / cycles.sum()
-    lift_off = before_s + np.concatenate([[0.0], np.cumsum(cycles)[:-1]])
+    rests = np.zeros(count)
+    for i, leg in enumerate(legs):
+        mine = of_leg == i
+        strides[mine] *= leg.length / strides[mine].sum()
+        cycles[mine] *= counts[i] * leg.style.cycle_s / cycles[mine].sum()
+        rests[np.flatnonzero(mine)[-1]] = leg.rest_s
+    lift_off = before_s + np.concatenate([[0.0], np.cumsum(cycles + rests)[:-1]])
 
-    floor, yaw = path.at(np.concatenate([[0.0], np.cumsum(strides)]))
+    floor, yaws = path.at(np.concatenate([[0.0], np.cumsum(strides)]))
     between = np.ones(count + 1)
     between[[0, -1]] = 0.0
     floor += (between * rng.normal(0, 0.01, count + 1).clip(-0.02, 0.02))[:, None] * forward(
-        yaw - math.pi / 2
+        yaws - math.pi / 2
     )
-    yaw += between * rng.normal(0, math.radians(1.5), count + 1)
+    yaws += between * rng.normal(0, math.radians(1.5), count + 1)
+    height = np.concatenate([[0.0], np.cumsum(share * each("rise_m"))])
 
     size = (1 + share) / 2
+    landing = lift_off + cycles * each("motion_share") * vary()
     return Gait(
         duration_s=duration_s,
-        foot=np.column_stack([floor, np.zeros(count + 1)]),
-        yaw=yaw,
+        foot=np.column_stack([floor, height]),
+        yaw=yaws,
         lift_off=lift_off,
-        landing=lift_off + cycles * style.motion_share * vary(),
-        lift_m=style.lift_m * size * vary(),
-        toe_down=style.toe_down * size * vary(),
-        toe_up=style.toe_up * size * vary(),
+        landing=landing,
+        lift_m=each("lift_m") * size * vary(),
+        toe_down=each("toe_down") * size * vary(),
+        toe_up=each("toe_up") * size * vary(),
         # The impact scatters far more than the shape of a stride.
-        strike=style.strike * size * vary() ** 4,
-        roll=style.roll * size * vary(),
-        toe_out=style.toe_out * size * vary(),
-        sway_m=style.sway_m * size * vary(),
+        strike=each("strike") * size * vary() ** 4,
+        roll=each("roll") * size * vary(),
+        toe_out=each("toe_out") * size * vary(),
+        sway_m=each("sway_m") * size * vary(),
+        modes=_modes(legs, of_leg, lift_off, landing, duration_s),
+    )
+
+
+def _modes(
+    legs: tuple[Leg, ...],
+    of_leg: NDArray[np.intp],
+    lift_off: FloatArray,
+    landing: FloatArray,
+    duration_s: float,
+) -> tuple[Label, ...]:
+    """When the foot moves how: a leg from its first lift-off to its last landing, else still.
+
+    Legs that follow on each other without a rest meet where the later lifts off.
+    """
+    found = [Label(0.0, float(lift_off[0]), "still")]
+    for i, leg in enumerate(legs):
+        mine = np.flatnonzero(of_leg == i)
+        last = i == len(legs) - 1
+        end = float(landing[mine[-1]] if leg.rest_s or last else lift_off[mine[-1] + 1])
+        found.append(Label(float(lift_off[mine[0]]), end, leg.style.mode))
+        until = duration_s if last else float(lift_off[mine[-1] + 1])
+        if until > end:
+            found.append(Label(end, until, "still"))
+    return tuple(found)
+
+
+def person(style: Style, rng: np.random.Generator) -> Style:
+    """Somebody else's way of moving in that style: pace, lift, angles and impact differ."""
+
+    def factor(spread: float) -> float:
+        return float(np.exp(spread * np.clip(rng.standard_normal(), -2, 2)))
+
+    # Treads are as deep and as high for everybody.
+    stride = 1.0 if style.rise_m else factor(0.12)
+    return replace(
+        style,
+        stride_m=style.stride_m * stride,
+        cycle_s=style.cycle_s * factor(0.08),
+        motion_share=style.motion_share * factor(0.04),
+        lift_m=style.lift_m * factor(0.2),
+        toe_down=style.toe_down * factor(0.15),
+        toe_up=style.toe_up * factor(0.3),
+        strike=style.strike * factor(0.4),
+        roll=style.roll * factor(0.3),
     )
 
 
@@ -340,7 +458,69 @@ def stand(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
     duration = 60.0 if duration_s is None else duration_s
     check_duration(duration, MIN_DURATION_S)
     none = np.empty(0)
-    return Gait(duration, np.zeros((1, 3)), np.zeros(1), *[none] * 9)
+    return Gait(
+        duration_s=duration,
+        foot=np.zeros((1, 3)),
+        yaw=np.zeros(1),
+        lift_off=none,
+        landing=none,
+        lift_m=none,
+        toe_down=none,
+        toe_up=none,
+        strike=none,
+        roll=none,
+        toe_out=none,
+        sway_m=none,
+        modes=(Label(0.0, duration, "still"),),
+    )
+
+
+FLIGHT = 14
+"""Risers of a flight of stairs."""
+_TURN = ((math.pi / 2 * 1.2, 1 / 1.2),) * 2
+"""A half turn to the left."""
+
+
+def run(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
+    """Twice around a rectangle of 30 m by 15 m, running: 170 m."""
+    once = rounded_rectangle(30.0, 15.0, 4.0, yaw=math.radians(25))
+    return course(once.yaw, (Leg(person(RUN, rng), 2 * once.pieces),), rng, 15.0, duration_s)
+
+
+def stairs(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
+    """Two flights up with a landing between them, a turn, and the same way back down."""
+    on_floor = person(BRISK, rng)
+    up, down = (_flights(person(style, rng), on_floor) for style in (UPSTAIRS, DOWNSTAIRS))
+    level = Leg(on_floor, ((5.0, 0.0),))
+    around = Leg(on_floor, ((2.0, 0.0), *_TURN, (2.0, 0.0)))
+    return course(0.0, (level, *up, around, *down, level), rng, 15.0, duration_s)
+
+
+def modes(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
+    """Walking at three paces, running, two flights up, two flights down, rests between."""
+    slow, brisk, fast, running = (person(style, rng) for style in (SLOW, BRISK, HURRIED, RUN))
+    up, down = (_flights(person(style, rng), brisk) for style in (UPSTAIRS, DOWNSTAIRS))
+    half_round = (*_TURN, (12.0, 0.0))
+    legs = (
+        Leg(slow, ((10.0, 0.0),), rest_s=4.0),
+        Leg(brisk, ((15.0, 0.0), *half_round)),
+        Leg(running, ((20.0, 0.0), (math.pi * 6.0, 1 / 6.0), (20.0, 0.0))),
+        Leg(brisk, ((12.0, 0.0),), rest_s=3.0),
+        Leg(fast, ((24.0, 0.0),)),
+        Leg(brisk, ((4.0, 0.0),)),
+        *up,
+        Leg(brisk, half_round, rest_s=3.0),
+        Leg(brisk, ((5.0, 0.0),)),
+        *down,
+        Leg(slow, ((8.0, 0.0),)),
+    )
+    return course(math.radians(60), legs, rng, 10.0, duration_s)
+
+
+def _flights(on_stairs: Style, on_floor: Style) -> tuple[Leg, Leg, Leg]:
+    """Two flights and the landing between them."""
+    flight = Leg(on_stairs, ((FLIGHT / 2 * on_stairs.stride_m, 0.0),))
+    return flight, Leg(on_floor, ((1.5, 0.0),)), flight
 
 
 def check_duration(duration_s: float, shortest_s: float) -> None:
@@ -358,4 +538,7 @@ SCENARIOS: dict[str, Callable[[np.random.Generator, float | None], Gait]] = {
     "corridor": corridor,
     "corridor-fast": corridor_fast,
     "stand": stand,
+    "run": run,
+    "stairs": stairs,
+    "modes": modes,
 }

@@ -79,6 +79,7 @@ def simulate(
             "declination_rad": earth.declination,
             "indoors": indoors,
         },
+        modes=gait.modes,
         mag=measured_field(field, states.attitude[1:], errors, mag_rng),
     )
 

@@ -53,6 +53,18 @@ LIMITS = {
     "STILL_TICKS": (0, ONE),
     "RING": (0, 8191),
     "STILLEST": (4096, 2**29),
+    "GLRT": (0, 2**25),
+    "STRIDE": (0, 32767),
+    "PAUSE": (-1, 32767),
+    "BLOCK_FILL": (0, 63),
+    "BLOCK_SLOT": (0, 2),
+    "BLOCKS": (0, 2),
+    "STAGE": (0, 255),
+    "SCORE": (0, 64 * 63),
+    "VOTE": (0, 2 * 64 * 63),
+    "RIVAL": (0, 5),
+    "RIVAL_WINDOWS": (0, 32767),
+    "MOTION": (0, 5),
     "VEL": (-100 << 24, 100 << 24),
     "POS": (-(2**29), 2**29),
     "CELL": (-127, 127),
@@ -283,6 +295,72 @@ def steering(params: array[int], mounted: bool = False) -> array[int]:
     return out
 
 
+def detecting(params: array[int], longest: bool = False) -> array[int]:
+    """Parameters with which the GLRT tells stance, by the motion; or at the ends of its own."""
+    out = array("i", params)
+    changes = {"DETECTOR": 2}
+    if longest:
+        # The largest window, and noise so small that everything is far from rest.
+        top = 2**25 - 1
+        changes = {"DETECTOR": 1, "GLRT_WINDOW": 31, "GLRT_ACC": top, "GLRT_RATE": top}
+    for name, value in changes.items():
+        out[NAMES.index(name)] = value
+    return out
+
+
+def stances() -> list[Case]:
+    """What a GLRT makes of rest, strides, full scale and nothing.
+
+    To be run with `detecting` parameters.
+    """
+    full = np.array([_HIGH, _LOW, _HIGH, _LOW, _HIGH, _LOW])
+    held = np.tile(full, (40, 1))
+    swapped = (held * np.where(np.arange(40) % 2, 1, -1)[:, None]).clip(_LOW, _HIGH)
+    zeros = np.zeros((40, 6), np.int64)
+    strides = [standing(40, 35), swing(60, 36), standing(40, 37)]
+    return [
+        Case("GLRT, strides", _samples(*strides), partial(navigate, MOTION=3)),
+        Case("GLRT, full scale", _samples(held, swapped, zeros), navigate),
+        Case("GLRT, start", _samples(standing(230, 38), swing(30, 39))),
+    ]
+
+
+def _block(shape: Sequence[int]) -> tuple[int, ...]:
+    """A block's sums where all signals go as `shape` (32,), every other one the other way round."""
+    out: list[int] = []
+    for _group in range(2):
+        for signal in range(5):
+            y = [value * (1 - 2 * (signal & 1)) for value in shape]
+            cubes = sum((value**3 + 32) >> 6 for value in y)
+            out += [sum(y), sum(value**2 for value in y), cubes, max(y), min(y)]
+        product = sum(value**2 for value in shape)
+        out += [-product, -product, product]
+    return tuple(out)
+
+
+def windows() -> list[Case]:
+    """The end of a window of motion: signals at their ends, hardly moving, rare and far.
+
+    The state is that of 200 Hz: at other rates its blocks are dropped.
+    """
+    shapes = {
+        "held": [1023] * 32,
+        "held low": [-1023] * 32,
+        "to and fro": [1023, -1023] * 16,
+        "half": [1023] * 8 + [-1023] * 24,
+        "pulse": [1023] + [0] * 31,
+        "little": [9, -11] * 16,
+        "none": [0] * 32,
+    }
+    cases = []
+    for name, shape in shapes.items():
+        words = {"STRIDE": 2, "PAUSE": 1, "BLOCK_FILL": 62, "BLOCKS": 1, "STAGE": 255}
+        sums = _block(shape)
+        prepare = partial(navigate, **words, SUMS=sums * 3)
+        cases.append(Case(f"window {name}", _samples(standing(60, 40)), prepare))
+    return cases
+
+
 def fields() -> list[Case]:
     """Magnetic fields from none to full scale, in the start and in stance, with holes between.
 
@@ -376,6 +454,7 @@ def short() -> list[Case]:
         late(),
         holes(),
         weights(),
+        windows(),
         corners(40),
     )
     return [case for group in groups for case in group]

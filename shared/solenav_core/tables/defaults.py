@@ -62,6 +62,19 @@ PARAMS = array(
         6560,  # RATE_MAX
         1474560,  # VAR_MAX
         10,  # WINDOW
+        0,  # DETECTOR
+        10,  # GLRT_WINDOW
+        1024000,  # GLRT_ACC
+        623781,  # GLRT_RATE
+        20480000,  # GLRT_MAX
+        20480000,  # GLRT_STILL
+        20480000,  # GLRT_WALK
+        20480000,  # GLRT_RUN
+        20480000,  # GLRT_UP
+        20480000,  # GLRT_DOWN
+        2,  # MOTION_STRIDE
+        77,  # MOTION_SHARE
+        1,  # MOTION_HOLD
         2555007,  # UNREST_RATE
         2139951,  # UNREST_ACC
         5368709,  # UNREST_GROWTH
@@ -74,6 +87,8 @@ PARAMS = array(
         2581554,  # GAMMA2
         5033,  # Q_VV_H
         6711,  # Q_VV_U
+        12800,  # STRIKE_MIN
+        158329674,  # STRIKE
         107,  # Q_TT
         2000,  # FREEZE_TICKS
         6711,  # P_VV_0
@@ -164,6 +179,19 @@ LEAST = array(
         1,  # RATE_MAX
         0,  # VAR_MAX
         1,  # WINDOW
+        0,  # DETECTOR
+        1,  # GLRT_WINDOW
+        0,  # GLRT_ACC
+        0,  # GLRT_RATE
+        0,  # GLRT_MAX
+        0,  # GLRT_STILL
+        0,  # GLRT_WALK
+        0,  # GLRT_RUN
+        0,  # GLRT_UP
+        0,  # GLRT_DOWN
+        0,  # MOTION_STRIDE
+        0,  # MOTION_SHARE
+        1,  # MOTION_HOLD
         0,  # UNREST_RATE
         0,  # UNREST_ACC
         0,  # UNREST_GROWTH
@@ -176,6 +204,8 @@ LEAST = array(
         0,  # GAMMA2
         0,  # Q_VV_H
         0,  # Q_VV_U
+        0,  # STRIKE_MIN
+        0,  # STRIKE
         0,  # Q_TT
         0,  # FREEZE_TICKS
         0,  # P_VV_0
@@ -266,6 +296,19 @@ LARGEST = array(
         26000,  # RATE_MAX
         1073741823,  # VAR_MAX
         31,  # WINDOW
+        2,  # DETECTOR
+        31,  # GLRT_WINDOW
+        33554431,  # GLRT_ACC
+        33554431,  # GLRT_RATE
+        33554432,  # GLRT_MAX
+        33554432,  # GLRT_STILL
+        33554432,  # GLRT_WALK
+        33554432,  # GLRT_RUN
+        33554432,  # GLRT_UP
+        33554432,  # GLRT_DOWN
+        32767,  # MOTION_STRIDE
+        256,  # MOTION_SHARE
+        32767,  # MOTION_HOLD
         16777216,  # UNREST_RATE
         4194304,  # UNREST_ACC
         536870912,  # UNREST_GROWTH
@@ -278,6 +321,8 @@ LARGEST = array(
         1073741823,  # GAMMA2
         268435456,  # Q_VV_H
         268435456,  # Q_VV_U
+        40000,  # STRIKE_MIN
+        1073741823,  # STRIKE
         1073741823,  # Q_TT
         1073741823,  # FREEZE_TICKS
         1073741823,  # P_VV_0

@@ -36,6 +36,7 @@ from solenav_tools.cli import (
     locate,
     magmap,
     matrix,
+    modes,
     monitor,
     pdr,
     plot,
@@ -115,6 +116,7 @@ app.command("plot")(plot.plot)
 app.command("evaluate")(evaluate.evaluate)
 app.command("compare")(compare.compare)
 app.command("tune")(tune.tune)
+app.add_typer(modes.app, name="modes")
 app.add_typer(calibrate.app, name="calibrate")
 app.command("pdr")(pdr.pdr)
 app.add_typer(magmap.app, name="magmap")

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from array import array
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from solenav import forests
+from solenav.errors import SolenavError
 from solenav_tools.ports import BAUD, known_names
 
 Port = Annotated[
@@ -21,3 +25,23 @@ Baud = Annotated[
     int | None, typer.Option(help=f"Bits per second; default: {BAUD}.", show_default=False)
 ]
 Seconds = Annotated[float | None, typer.Option(help="Stop after so many seconds.")]
+ForestFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--forest",
+        help="File of the forest that the board had, where it isn't the shipped one.",
+        show_default=False,
+    ),
+]
+
+
+def forest_from(path: Path | None) -> array[int] | None:
+    """The words in a forest's file; None without a file. SolenavError where they are no forest."""
+    if path is None:
+        return None
+    try:
+        return forests.from_bytes(path.read_bytes())
+    except OSError as error:
+        raise SolenavError(f"can't read {path}: {error.strerror}", "check the name") from None
+    except SolenavError as error:
+        raise SolenavError(f"{path}: {error.message}", error.remedy) from None

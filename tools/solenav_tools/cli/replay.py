@@ -10,6 +10,7 @@ import numpy as np
 import typer
 
 from solenav import capture, engines, replaying
+from solenav_tools.cli.arguments import ForestFile, forest_from
 from solenav_tools.cli.output import CaptureFile, Json, check_output, progress, say, say_json, warn
 from solenav_tools.outcome import need_alignment
 
@@ -23,6 +24,7 @@ def replay(
         EngineName | None, typer.Option(help="Default: fast where numba is installed, else pure.")
     ] = None,
     pose_every: Annotated[int, typer.Option(min=1, help="A POSE on every n-th tick.")] = 1,
+    forest: ForestFile = None,
     as_json: Json = False,
 ) -> None:
     """Run the core over a capture's samples and write what the firmware would have sent."""
@@ -35,8 +37,11 @@ def replay(
             "from the first gap on its poses are not the board's"
         )
     name = engine.value if engine else engines.default_name()
+    words = forest_from(forest)
     with progress(f"replaying on {name}", len(source.samples)) as done:
-        runner = replaying.replay(source, output, engine=name, pose_every=pose_every, progress=done)
+        runner = replaying.replay(
+            source, output, engine=name, forest=words, pose_every=pose_every, progress=done
+        )
     result = {"capture": str(output), "engine": name, "samples": len(source.samples)}
     result["digest"] = f"{runner.digest():08x}"
     need_alignment(runner.navigating, source, output)

@@ -16,6 +16,7 @@ from solenav_tools.cli.output import Json, check_output, progress, say, say_json
 
 if TYPE_CHECKING:
     # It needs numba, which the other commands do without.
+    from solenav.filters.walk import Walk
     from solenav.tuning import Dimension, Judged, Report
 
 _VERDICTS = {
@@ -40,6 +41,9 @@ def tune(
         list[str] | None,
         typer.Option(metavar="SETTING", help="Another setting to search; may be given again."),
     ] = None,
+    modes: Annotated[
+        bool, typer.Option("--modes", help="Thresholds of the GLRT detector, one for each motion.")
+    ] = False,
     budget: Annotated[
         int, typer.Option(min=16, help="Parameter sets that the search tries.")
     ] = 400,
@@ -61,6 +65,9 @@ def tune(
             )
     unique = list({file.resolve(): file for file in files}.values())
     walks = [tuning.from_capture(capture.load(file), closed_loop=closed_loop) for file in unique]
+    if modes:
+        _tune_modes(walks, output, jobs, as_json)
+        return
     extra = also or []
     planned = tuning.planned(budget, 4 + free_band + len(extra))
     with progress("trying parameters", planned) as done:
@@ -73,6 +80,37 @@ def tune(
         say_json(report.as_dict())
         return
     _tell(report)
+    if output is not None:
+        say(f"{output}: put it beside main.py as config.json, or its params into yours")
+
+
+def _tune_modes(walks: list[Walk], output: Path | None, jobs: int | None, as_json: bool) -> None:
+    """`--modes`: what the thresholds of the motions become."""
+    from solenav.modes import thresholds
+
+    with progress("trying thresholds", len(thresholds.FIELDS)) as done:
+        report = thresholds.tune(walks, jobs=jobs, progress=done)
+    if output is not None:
+        write_text(output, json.dumps(report.config(), indent=2) + "\n")
+    if as_json:
+        say_json(report.as_dict())
+        return
+    say("motion          before         now  between the minima of T  cycles  recordings")
+    for one in report.thresholds:
+        between = one.why if one.lowest is None else f"{one.lowest:.0f} to {one.second:.0f}"
+        numbers = f"{one.strides:6}  {len(one.recordings):10}"
+        say(f"{one.mode:10} {one.start:11.0f} {one.value:11.0f}  {between:>23}  {numbers}")
+    say("recording                            distance    C1 to C3   fixed GLRT     adaptive")
+    for judged in report.recordings:
+        errors = (judged.start_m, judged.fixed_m, judged.adaptive_m)
+        shown = "".join(f"{error:11.3f} m" for error in errors)
+        say(f"{judged.name:34.34} {judged.distance_m:8.1f} m{shown}")
+    say(
+        f"error before / now: {report.gain_over_start:.2f} on the detector in use, "
+        f"{report.gain_over_fixed:.2f} on one GLRT threshold"
+    )
+    if report.gain_over_start <= 1.0:
+        warn("keep the detector you have: on these walks the thresholds of motions do no better")
     if output is not None:
         say(f"{output}: put it beside main.py as config.json, or its params into yours")
 

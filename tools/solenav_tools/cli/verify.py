@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from array import array
 from typing import Annotated
 
 import typer
 
 from solenav import capture, engines, verification
 from solenav.errors import SolenavError
-from solenav_tools.cli.arguments import Baud
+from solenav_tools.cli.arguments import Baud, ForestFile, forest_from
 from solenav_tools.cli.output import CaptureFile, Json, progress, say, say_json, warn
 from solenav_tools.cli.replay import EngineName
 from solenav_tools.injection import inject
@@ -29,6 +30,7 @@ def verify(
         ),
     ] = None,
     baud: Baud = None,
+    forest: ForestFile = None,
     as_json: Json = False,
 ) -> None:
     """Rebuild a run from its samples and compare every pose, step, snapshot and digest.
@@ -40,11 +42,12 @@ def verify(
     """
     source = capture.load(file)
     name = engine.value if engine else engines.default_name()
+    words = forest_from(forest)
     if device is not None:
-        _on_device(source, device, baud, name, as_json)
+        _on_device(source, device, baud, name, words, as_json)
         return
     with progress(f"verifying on {name}", len(source.samples)) as done:
-        report = verification.verify(source, name, done)
+        report = verification.verify(source, name, done, words)
     if as_json:
         say_json(report.as_dict())
     else:
@@ -56,12 +59,17 @@ def verify(
 
 
 def _on_device(
-    source: capture.Capture, device: str, baud: int | None, engine: str, as_json: bool
+    source: capture.Capture,
+    device: str,
+    baud: int | None,
+    engine: str,
+    forest: array[int] | None,
+    as_json: bool,
 ) -> None:
     with open_port(device, baud) as port:
         try:
             with progress(f"running on {device}", len(source.samples)) as done:
-                report = inject(port, source, engine, done)
+                report = inject(port, source, engine, done, forest)
         except PortVanished:
             raise SolenavError(
                 f"{device} vanished in the middle",

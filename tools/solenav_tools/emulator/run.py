@@ -132,5 +132,5 @@ def record(
         raise SolenavError(
             f"the firmware on the emulated board ended:\n{text}", "report it with this text", 1
         )
-    replaying.finish(output, {**source.sidecar, "board": "emulated"}, source.truth)
+    replaying.finish(output, {**source.sidecar, "board": "emulated"}, source.truth, source.modes)
     return Outcome(seconds, text)

@@ -104,8 +104,13 @@ class ThumbProgram:
 class ThumbEngine(Engine):
     """A navigator whose ticks run as machine code; `sources` as for `ThumbProgram`."""
 
-    def __init__(self, params: array[int], sources: Mapping[str, str] | None = None) -> None:
-        super().__init__("thumb", params)
+    def __init__(
+        self,
+        params: array[int],
+        sources: Mapping[str, str] | None = None,
+        forest: array[int] | None = None,
+    ) -> None:
+        super().__init__("thumb", params, forest)
         self.program = ThumbProgram(sources)
         self._advance = self.program.advance
 

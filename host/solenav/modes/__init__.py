@@ -1,0 +1,1 @@
+"""Motion modes: labels, training and evaluation of the forest, thresholds for each mode."""
