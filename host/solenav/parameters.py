@@ -54,8 +54,8 @@ class Settings:
     glrt_up: float = 640_000.0  # upstairs
     glrt_down: float = 640_000.0
     motion_window_s: float = 1.28  # whose features tell the motion, of 128 samples; 0: none
-    motion_share: float = 0.5  # of the vote; with less the motion is unknown
-    motion_hold: int = 2  # windows in a row that change the motion
+    motion_share: float = 0.3  # of the vote; with less the motion is unknown
+    motion_hold: int = 1  # windows in a row that change the motion
     unrest_rate_dps: float = 5.0  # sigma of the rate in T
     unrest_accel: float = 0.35  # m/s², sigma of |a| in T
     unrest_s: float = 1.0  # time constant of the growth of the least T

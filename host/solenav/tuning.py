@@ -353,7 +353,7 @@ def _halves(walk: Walk) -> list[Walk]:
     ]
 
 
-def _params(walk: Walk, settings: Settings) -> array[int]:
+def params_of(walk: Walk, settings: Settings) -> array[int]:
     """The core's parameters for a walk, at the walk's own initial heading."""
     values = parameters.to_integers(settings, walk.rate_hz)
     for name in ("YAW_W", "YAW_Z"):
@@ -364,7 +364,7 @@ def _params(walk: Walk, settings: Settings) -> array[int]:
 
 def run(walk: Walk, settings: Settings) -> Trace:
     """The core over a walk, at the walk's own initial heading."""
-    return trace(walk.counts, _params(walk, settings))
+    return trace(walk.counts, params_of(walk, settings))
 
 
 def error_m(walk: Walk, found: Trace) -> float:

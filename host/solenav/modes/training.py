@@ -28,7 +28,7 @@ from solenav.engines.windows import Windows, windows
 from solenav.errors import SolenavError
 from solenav.evaluation import last_run
 from solenav.forests import Leaf, Split, Tree
-from solenav.modes.labels import MODES, Label
+from solenav.modes.labels import MODES, Label, labels_path
 from solenav.recording import FloatArray, Recording
 from solenav.sim.scenario import simulate
 from solenav_core import params as core
@@ -120,7 +120,7 @@ def from_capture(capture: Capture, forest: array[int] | None = None) -> Examples
     if not capture.modes:
         raise SolenavError(
             f"{capture.path} has no labels of motion",
-            "put a table NAME.modes.csv beside it: start_s,end_s,mode",
+            f"put a table {labels_path(capture.path).name} beside it: start_s,end_s,mode",
         )
     run, _restarts = last_run(capture)
     params = run.params[-1][1]

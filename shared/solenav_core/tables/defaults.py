@@ -73,8 +73,8 @@ PARAMS = array(
         20480000,  # GLRT_UP
         20480000,  # GLRT_DOWN
         2,  # MOTION_STRIDE
-        128,  # MOTION_SHARE
-        2,  # MOTION_HOLD
+        77,  # MOTION_SHARE
+        1,  # MOTION_HOLD
         2555007,  # UNREST_RATE
         2139951,  # UNREST_ACC
         5368709,  # UNREST_GROWTH

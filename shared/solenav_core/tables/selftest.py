@@ -23,20 +23,20 @@ EXPECTED = (
     2455747149,  # sense
     4178069827,  # observe motion
     2231339393,  # summarise
-    3665576027,  # classify
-    318026837,  # grow
-    2888855028,  # shrink
-    581103718,  # head
-    573346267,  # level
-    2332788731,  # align
-    4174508746,  # settle
-    2997127900,  # roots
-    2835113593,  # ratio
-    3287613323,  # feed_back
-    312933423,  # observe
-    704512441,  # adapt
-    4136886377,  # weigh
-    3116476385,  # update
-    1006881539,  # stood
-    1395728802,  # tick
+    3010003356,  # classify
+    188239733,  # grow
+    1610291724,  # shrink
+    2599928150,  # head
+    873108842,  # level
+    3221198179,  # align
+    3490478476,  # settle
+    2925899054,  # roots
+    3915977424,  # ratio
+    3653311522,  # feed_back
+    3686482555,  # observe
+    1884568402,  # adapt
+    1655234283,  # weigh
+    10785165,  # update
+    1599204349,  # stood
+    68786247,  # tick
 )
