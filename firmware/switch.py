@@ -27,6 +27,10 @@ def active():
 
 def adopt(tree):
     """A configuration that came with the tree takes its place; one rename, so cut off or done."""
+    names = os.listdir()
+    if "config.json" not in names and "config.json.new" in names:
+        # Cut off between the two halves of a renaming on FAT, so it is whole.
+        os.rename("config.json.new", "config.json")
     try:
         os.stat(tree + "/config.json")
     except OSError:

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import inspect
+import itertools
 import subprocess
 import sys
+import time
 from pathlib import Path
 
+from test_doctor import STILL
+
 import solenav
+from solenav_tools.board import SimulatedBoard
 
 
 def test_every_name_is_a_function_with_a_docstring() -> None:
@@ -40,3 +45,25 @@ def test_a_notebook_loads_verifies_evaluates_and_draws(replayed: Path, tmp_path:
     assert (tmp_path / "run.png").stat().st_size > 10_000
     assert solenav.export(replayed, "tum", tmp_path / "run.tum").items == len(run.poses)
     assert solenav.batch([replayed], engine="fast")[0].verified
+
+
+def test_a_notebook_reads_messages_one_by_one(replayed: Path) -> None:
+    poses = list(solenav.cat(replayed, only=["pose"]))
+    assert len(poses) == len(solenav.load(str(replayed)).poses)
+    assert {"tick", "position", "attitude"} <= set(poses[0])
+    wire = next(solenav.cat(replayed, only=["pose"], raw=True))
+    assert all(isinstance(part, int) for part in wire["position"])
+
+
+def test_a_notebook_watches_lists_and_reads_a_live_board() -> None:
+    with SimulatedBoard(STILL, realtime=True) as board:
+        with solenav.monitor(board.port) as watches:
+            end = time.monotonic() + 20
+            live = watches[0].live
+            while time.monotonic() < end and live.mode != "navigating":
+                time.sleep(0.05)
+            with watches[0].lock:
+                assert live.as_dict()["mode"] == "navigating" and live.as_dict()["position"]
+        assert solenav.download(board.port, only_list=True).free > 0
+        names = {line["message"] for line in itertools.islice(solenav.cat(board.port), 40)}
+        assert {"POSE", "SAMPLE"} <= names

@@ -19,7 +19,8 @@ from test_calibration import ERRS, end, leaning, shaken
 from test_device_cli import sender, served
 
 from solenav import calibration, capture, importing, mpu9150
-from solenav.calibration import IDENTITY
+from solenav.calibration import IDENTITY, finding
+from solenav.errors import SolenavError
 from solenav.sim.scenario import simulate
 from solenav_core import params
 
@@ -237,3 +238,16 @@ def test_a_port_without_samples_is_told(tmp_path: Path) -> None:
     with sender(b"$GPGGA,123519*47\r\n" * 20, then_vanish=False) as port:
         done = solenav("calibrate", "gyro", port, "-o", tmp_path / "c.json")
     refused(done, 1, "no samples came from", "send_samples")
+
+
+def test_from_python_the_same_is_found_as_by_the_command(folder: Path, tmp_path: Path) -> None:
+    file = tmp_path / "calibration.json"
+    found = IDENTITY
+    for sensor, name in (("accelerometer", "six"), ("gyro", "rest"), ("magnetometer", "tumble")):
+        path = folder / f"{name}.solcap"
+        done = solenav("calibrate", sensor, path, "-o", file)
+        assert done.returncode == 0, done.stderr
+        found = finding.calibrate(sensor, capture.load(path), found)
+    assert calibration.load(file).words() == found.words() != IDENTITY.words()
+    with pytest.raises(SolenavError, match="no sensor barometer"):
+        finding.calibrate("barometer", capture.load(folder / "six.solcap"))

@@ -62,6 +62,21 @@ def test_the_autocovariance_is_that_of_the_noise() -> None:
     assert colour.autocovariance == pytest.approx(np.array(seen), rel=0.05)
 
 
+def test_twice_the_samples_of_a_stance_say_no_more() -> None:
+    twice = COLOURS[1].at(2 * COLOURS[1].rate_hz)
+    assert twice.phi == COLOURS[1].phi
+    assert twice.autocovariance == pytest.approx(2 * COLOURS[1].autocovariance)
+    assert COLOURS[1].at(COLOURS[1].rate_hz) == COLOURS[1]
+
+
+@pytest.mark.parametrize("samples", [6, 30, 400])
+def test_estimated_noise_is_stationary_whatever_the_values(samples: int) -> None:
+    pytest.importorskip("statsmodels")
+    ramps = [np.arange(samples)[:, None] * np.array([[1.0, -2.0, 0.5]]) + k for k in range(30)]
+    for one in coloured.estimate(ramps, 100.0):
+        assert (np.abs(np.roots([1.0, *(-f for f in one.colour.phi)])) < 1).all()
+
+
 @given(st.floats(-0.95, 0.95), st.floats(-0.95, 0.95), st.floats(0.01, 1.0))
 def test_each_older_sample_makes_the_prediction_no_worse(a: float, b: float, sigma: float) -> None:
     # From partial autocorrelations, so that the noise is stationary.
@@ -93,3 +108,5 @@ def test_what_is_no_noise_is_refused(walk: Walk) -> None:
         coloured.run(walk, Aids(), form="other")
     with pytest.raises(SolenavError, match="too little stance"):
         coloured.estimate([np.zeros((3, 3))], 200.0)
+    with pytest.raises(SolenavError, match="no noise"):
+        coloured.estimate([np.zeros((100, 3))], 200.0)

@@ -122,7 +122,7 @@ def test_firmware_of_another_schema_is_told_with_the_remedy(tmp_path: Path) -> N
     sending.start()
     done = solenav("doctor", cable.name)
     sending.join()
-    refused(done, 1, "firmware and host differ", "old board", "solenav flash")
+    refused(done, 2, "firmware and host differ", "old board", "flash the firmware anew")
     cable.pull()
 
 

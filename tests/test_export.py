@@ -317,6 +317,21 @@ def test_batch_verifies_all_and_a_bad_capture_is_a_row(run: Path, tmp_path: Path
     refused(solenav("batch", tmp_path / "empty"), 2, "no capture")
 
 
+def test_batch_on_a_cluster_gives_the_same_rows(run: Path, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.solcap").write_bytes(run.read_bytes())
+    (tmp_path / "c.solcap").write_bytes(b"no capture at all")
+    here = solenav("batch", tmp_path, "--json", "--jobs", "1")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0"
+    ) as cluster:
+        there = solenav("batch", tmp_path, "--json", "--dask", cluster.scheduler_address)
+    assert there.returncode == here.returncode == 1, there.stderr
+    rows = [json.loads(done.stdout)["captures"] for done in (here, there)]
+    assert rows[0] == rows[1] and len(rows[0]) == 3
+
+
 def test_info_tells_of_several_captures(run: Path) -> None:
     walk = run.with_name("w.solcap")
     found = json.loads(solenav("info", run, walk, "--json").stdout)

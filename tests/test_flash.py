@@ -9,6 +9,7 @@ import io
 import json
 import os
 import shutil
+import struct
 import subprocess
 import threading
 import tty
@@ -19,11 +20,19 @@ from typing import Any
 
 import pytest
 from cli import refused, solenav
+from serial.tools import list_ports
+from test_doctor import STILL
+from typer.testing import CliRunner
 
+from solenav import link
 from solenav.errors import SolenavError
-from solenav_tools.flash import board_config, boards, tree
+from solenav_core import messages
+from solenav_tools.board import SimulatedBoard
+from solenav_tools.cli import flash as flash_command
+from solenav_tools.cli.app import app
+from solenav_tools.flash import board_config, boards, hello, tree
 from solenav_tools.micropython import find_micropython
-from solenav_tools.ports import PortVanished
+from solenav_tools.ports import PortVanished, open_port
 from solenav_tools.staging import build_hash, firmware_path, switch
 
 OLD = {"main.mpy": b"old main", "same.mpy": b"s" * 900, "boards/x.mpy": b"x", "gone.mpy": b"g"}
@@ -33,10 +42,15 @@ NEW_CONFIG: dict[str, object] = {"board": "boards.rp2_pico2"}
 
 
 class Flash:
-    """A board's flash as a folder, its REPL as this Python; power fails at operation `cut`."""
+    """A board's flash as a folder, its REPL as this Python; power fails at operation `cut`.
 
-    def __init__(self, folder: Path, cut: int = -1, flip: int = -1, free: int = 10**6) -> None:
-        self.folder, self.cut, self.flip, self.free = folder, cut, flip, free
+    `fat`: as FAT, it renames onto a file in two steps.
+    """
+
+    def __init__(
+        self, folder: Path, cut: int = -1, flip: int = -1, free: int = 10**6, fat: bool = False
+    ) -> None:
+        self.folder, self.cut, self.flip, self.free, self.fat = folder, cut, flip, free, fat
         self.count = 0
         self.puts = 0
         system = SimpleNamespace(
@@ -45,7 +59,7 @@ class Flash:
             mkdir=lambda path: (self.step(), self.at(path).mkdir()),
             rmdir=lambda path: (self.step(), self.at(path).rmdir()),
             remove=lambda path: (self.step(), self.at(path).unlink()),
-            rename=lambda old, new: (self.step(), self.at(old).replace(self.at(new))),
+            rename=self.rename,
             getcwd=lambda: "",
             statvfs=lambda path: (4096, 0, 0, self.free // 4096),
         )
@@ -65,6 +79,13 @@ class Flash:
         if self.count == self.cut:
             raise PortVanished("power")
         self.count += 1
+
+    def rename(self, old: str, new: str) -> None:
+        if self.fat and self.at(new).exists():
+            self.step()
+            self.at(new).unlink()
+        self.step()
+        self.at(old).replace(self.at(new))
 
     def open(self, path: str, mode: str = "r") -> Any:
         if "r" in mode:
@@ -116,8 +137,10 @@ def flashed(flash: Flash, files: dict[str, bytes], config: dict[str, object]) ->
 
 
 def booted(folder: Path) -> tuple[dict[str, bytes], object]:
-    """What the board runs after power-up, and its configuration; the switch itself is executed."""
+    """What the board runs after power-up, and its configuration; boot.py and the switch run."""
     root: Path = folder
+    if (folder / "boot.py").exists():
+        exec((folder / "boot.py").read_bytes(), Flash(folder).names)
     if (folder / "main.py").read_bytes() == switch():
         flash = Flash(folder)
         names = {**flash.names, "__name__": "switch"}
@@ -130,7 +153,8 @@ def booted(folder: Path) -> tuple[dict[str, bytes], object]:
         for path in root.rglob("*")
         if path.is_file() and (root != folder or path.parts[len(folder.parts)] not in ("a", "b"))
     }
-    for name in ("config.json", "main.py", "main.py.new", "active", "active.new"):
+    ours = ("config.json", "config.json.new", "active", "active.new")
+    for name in ("main.py", "main.py.new", "boot.py", "boot.py.new", *ours):
         found.pop(name, None)
     return found, json.loads((folder / "config.json").read_text())
 
@@ -141,6 +165,7 @@ def by_hand(folder: Path) -> None:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(data)
     (folder / "config.json").write_text(json.dumps(CONFIG))
+    (folder / "boot.py").write_text("import os\n")
 
 
 def by_flash(folder: Path) -> None:
@@ -148,9 +173,10 @@ def by_flash(folder: Path) -> None:
     flashed(Flash(folder), OLD, CONFIG)
 
 
+@pytest.mark.parametrize("fat", [False, True], ids=["littlefs", "fat"])
 @pytest.mark.parametrize("before", [by_hand, by_flash])
 def test_power_cut_at_any_write_leaves_the_old_or_the_new_and_the_next_flash_completes(
-    tmp_path: Path, before: Any
+    tmp_path: Path, before: Any, fat: bool
 ) -> None:
     seen = set()
     template = tmp_path / "before"
@@ -159,24 +185,26 @@ def test_power_cut_at_any_write_leaves_the_old_or_the_new_and_the_next_flash_com
         folder = tmp_path / str(cut)
         shutil.copytree(template, folder)
         was = booted(folder)
+        boot = (folder / "boot.py").read_bytes() if before is by_hand else None
         (folder / "log").mkdir()
         (folder / "log" / "000001.frames").write_bytes(b"kept")
         finished = False
         try:
-            flashed(Flash(folder, cut), NEW, NEW_CONFIG)
+            flashed(Flash(folder, cut, fat=fat), NEW, NEW_CONFIG)
             finished = True
         except PortVanished:
             pass
-        is_new = (folder / "main.py").read_bytes() == switch() and booted(folder)[0] == NEW
+        now, config = booted(folder)
+        is_new = (folder / "main.py").read_bytes() == switch() and now == NEW
         if is_new:
-            assert booted(folder) == (NEW, NEW_CONFIG), cut
+            assert config == NEW_CONFIG, cut
         else:
-            now, config = booted(folder)
             # At the root leftovers of the new main may lie; what ran before must all be there.
             assert {k: now.get(k) for k in was[0]} == was[0] and config == was[1], cut
         seen.add(is_new)
-        flashed(Flash(folder), NEW, NEW_CONFIG)
+        flashed(Flash(folder, fat=fat), NEW, NEW_CONFIG)
         assert booted(folder) == (NEW, NEW_CONFIG), cut
+        assert boot is None or (folder / "boot.py").read_bytes() == boot, cut
         assert (folder / "log" / "000001.frames").read_bytes() == b"kept"
         if finished:
             break
@@ -240,7 +268,23 @@ def test_a_pico_s_own_answer_makes_it_a_pico() -> None:
 @pytest.mark.parametrize("bad", ["M_A=99999", "NO_SUCH=1", "M_A", "M_A=x"])
 def test_parameters_past_the_core_s_limits_are_refused(bad: str) -> None:
     with pytest.raises(SolenavError):
-        board_config.merged({}, {}, [bad], "rp2_pico")
+        board_config.merged({}, {}, board_config.parsed([bad]), "rp2_pico")
+
+
+@pytest.mark.parametrize("fat", [False, True], ids=["littlefs", "fat"])
+def test_somebody_else_s_main_is_kept_under_another_name_each_one_once(
+    tmp_path: Path, fat: bool
+) -> None:
+    for text in (b"blink()", b"beep()"):
+        for name in ("active", "a", "b"):
+            path = tmp_path / name
+            shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
+        (tmp_path / "main.py").write_bytes(text)
+        flashed(Flash(tmp_path, fat=fat), NEW, CONFIG)
+        flashed(Flash(tmp_path, fat=fat), OLD, CONFIG)
+    kept = {path.name: path.read_bytes() for path in tmp_path.glob("main.py.*")}
+    assert kept == {"main.py.old1": b"blink()", "main.py.old2": b"beep()"}
+    assert not (tmp_path / "boot.py").exists()
 
 
 @pytest.fixture
@@ -337,3 +381,81 @@ def test_the_keys_that_flash_takes_are_those_that_the_firmware_knows() -> None:
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_DEFAULTS"
     )
     assert set(board_config.KEYS) == set(ast.literal_eval(defaults))
+
+
+def test_the_new_firmware_is_awaited_on_the_uart_and_its_hello_checked(
+    board: tuple[str, Path],
+) -> None:
+    port, _folder = board
+    with SimulatedBoard(STILL, realtime=True) as wearable:
+        done = solenav("flash", port, "--board", "rp2_pico", "--link", wearable.port, "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["hello"]["build"] == build_hash() and found["hello"]["self_test"] == 0
+    assert "simulated" in found["hello"]["text"]
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "says"),
+    [
+        ("build", 7, "runs build 00000007"),
+        ("self_test", 3, "self-test 3 fails"),
+        ("sensor_test", 1, "sensor's self-test fails"),
+    ],
+)
+def test_a_hello_of_another_build_or_with_a_fault_is_no_success(
+    field: str, value: int, says: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hello, "_PATIENCE_S", 1.5)
+    fields = {"schema": messages.SCHEMA, "build": build_hash(), field: value}
+    values = [fields.get(name, 0) for name, code, *_rest in link.FIELDS[messages.HELLO][:-1]]
+    payload = struct.pack(messages.FORMATS[messages.HELLO], *values) + b"board"
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    with open_port(os.ttyname(slave)) as port, pytest.raises(SolenavError, match=says):
+        os.write(master, link.encode(messages.HELLO, 0, 0, payload))
+        hello.awaited(port, "uart", build_hash())
+
+
+def test_of_several_boards_a_person_picks_one_and_a_script_is_told_to(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    here = [
+        SimpleNamespace(device="/dev/ttyS0", description="on board", vid=None),
+        SimpleNamespace(device="/dev/ttyACM0", description="Pico", vid=0x2E8A),
+        SimpleNamespace(device="/dev/ttyACM1", description="Pico", vid=0x2E8A),
+    ]
+    monkeypatch.setattr(list_ports, "comports", lambda: here)
+    flashed_at = []
+
+    def put(port: str, **_rest: Any) -> Any:
+        flashed_at.append(port)
+        raise SolenavError("enough", "")
+
+    monkeypatch.setattr(flash_command, "put", put)
+    alone = CliRunner().invoke(app, ["flash"]).exception
+    assert isinstance(alone, SolenavError) and alone.message.startswith("several boards")
+    monkeypatch.setattr(flash_command, "_asks", lambda: True)
+    for answer, picked in (("2", ["/dev/ttyACM1"]), ("3", []), ("x", [])):
+        flashed_at.clear()
+        CliRunner().invoke(app, ["flash"], input=answer + "\n")
+        assert flashed_at == picked
+    del here[1]
+    CliRunner().invoke(app, ["flash"])
+    assert flashed_at == ["/dev/ttyACM1"]
+
+
+def test_parameters_of_solenav_toml_go_onto_the_board_under_those_of_the_command_line(
+    board: tuple[str, Path], tmp_path: Path
+) -> None:
+    port, folder = board
+    (tmp_path / "solenav.toml").write_text(
+        "[parameters]\naccel_max = 12.5\nthreshold_min = 0.2\nfreeze_s = 10.0\n"
+    )
+    done = solenav("flash", port, "--board", "rp2_pico", "--param", "M_A=1700", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "ACC_MAX, M_A" in done.stderr
+    tree_there = (folder / "active").read_text()
+    config = json.loads((folder / tree_there / "config.json").read_text())
+    # 12.5 m/s² in Q7, what the command line says, and nothing that is as by default.
+    assert config["params"] == {"ACC_MAX": 1600, "M_A": 1700}

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import serial
@@ -13,7 +15,7 @@ from cli import refused, solenav
 from test_doctor import STILL
 from test_monitor import Cable
 
-from solenav import capture, importing, parameters
+from solenav import capture, engines, importing, parameters
 from solenav.link import command
 from solenav.sim.scenario import simulate
 from solenav_core import messages
@@ -113,6 +115,24 @@ def test_lost_and_repeated_samples_on_the_way_cost_time_only(
     with open_port(board.port) as port:
         report = injection.inject(port, capture.load(walk), "fast")
     assert report.verified and report.resent > 0
+
+
+def test_an_engine_that_compiles_first_does_not_lose_the_board(
+    walk: Path, board: SimulatedBoard, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    create = engines.create
+    began: list[str] = []
+
+    def compiling(name: str, params: Any) -> Any:
+        if not began:
+            began.append(name)
+            time.sleep(6)  # the board waits for 5 s
+        return create(name, params)
+
+    monkeypatch.setattr(engines, "create", compiling)
+    with open_port(board.port) as port:
+        assert injection.inject(port, capture.load(walk), "fast").verified
+    assert began == ["fast"]
 
 
 def answer(client: Client, kind: int, seq: int, *values: int) -> int:

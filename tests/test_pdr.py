@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from solenav import capture, evaluation, pdr, plotting
 from solenav.datasets import indoor, kaist
 from solenav.errors import SolenavError
-from solenav.pdr import steps
+from solenav.pdr import step_table, steps
 from solenav.pdr.length import features
+from solenav.pdr.track import SOURCES
 from solenav.recording import FloatArray, Recording, Truth
 
 pytest.importorskip("dtaidistance")
@@ -75,24 +77,46 @@ def test_a_single_jolt_is_no_step() -> None:
     assert found.refused >= 1
 
 
-def test_steps_are_counted_within_2_percent_on_the_phone_traces(data: Path) -> None:
-    """The reference counts cycles of the acceleration's size by phase: no peaks and no DTW."""
-    counted, reference = 0, 0.0
+def test_steps_of_steady_walking_are_those_that_the_gyro_counts_within_2_percent(
+    data: Path,
+) -> None:
+    """The reference is another sensor's: cycles of the gyro's main axis, by their phase."""
+    signal = pytest.importorskip("scipy.signal")
+    detected = reference = 0.0
     for trace in phone_traces(data):
         seen = pdr.level(trace)
-        counted += len(pdr.detect(seen.time_s, seen.vertical))
-        reference += cycles(trace)
-    assert counted == pytest.approx(reference, rel=0.02)
+        found = pdr.detect(seen.time_s, seen.vertical)
+        band = signal.butter(2, (1.2, 2.8), "bandpass", fs=trace.rate_hz, output="sos")
+        size = np.linalg.norm(trace.accel, axis=1)
+        sway = np.abs(signal.hilbert(signal.sosfiltfilt(band, size - size.mean())))
+        turning = signal.sosfiltfilt(band, trace.gyro - trace.gyro.mean(axis=0), axis=0)
+        for a, b in stretches(sway > 1.5, 4 * trace.rate_hz):
+            begin, end = trace.time_s[a], trace.time_s[b - 1]
+            within = np.minimum(found.time_s, end) - np.maximum(found.begin_s, begin)
+            detected += float((within.clip(0) / (found.time_s - found.begin_s)).sum())
+            axis = np.linalg.svd(turning[a:b], full_matrices=False)[2][0]
+            phase = np.unwrap(np.angle(signal.hilbert(turning[a:b] @ axis)))
+            reference += float(phase[-1] - phase[0]) / (2 * np.pi)
+    assert reference > 1000
+    assert detected == pytest.approx(reference, rel=0.02)
 
 
-def cycles(trace: Recording) -> float:
-    from scipy import signal
+def test_no_step_lies_within_a_stand_of_the_phone_traces(data: Path) -> None:
+    stands = 0
+    for trace in phone_traces(data):
+        seen = pdr.level(trace)
+        found = pdr.detect(seen.time_s, seen.vertical)
+        size = np.linalg.norm(trace.accel, axis=1)
+        for a, b in stretches(np.abs(size - np.median(size)) < 1.0, 0.5 * trace.rate_hz):
+            within = (found.begin_s >= trace.time_s[a]) & (found.time_s <= trace.time_s[b - 1])
+            assert not within.any(), (trace.name, trace.time_s[a])
+            stands += 1
+    assert stands > 20
 
-    size = np.linalg.norm(trace.accel, axis=1)
-    band = signal.butter(2, (1.2, 2.8), "bandpass", fs=trace.rate_hz, output="sos")
-    analytic = signal.hilbert(signal.sosfiltfilt(band, size - size.mean()))
-    turns = np.diff(np.unwrap(np.angle(analytic))) / (2 * np.pi)
-    return float(turns[np.abs(analytic[1:]) > 0.7].sum())
+
+def stretches(mask: NDArray[np.bool_], least: float) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(np.int8)))
+    return [(a, b) for a, b in edges.reshape(-1, 2).tolist() if b - a >= least]
 
 
 def test_the_foot_recordings_resting_sensor_makes_no_step(data: Path) -> None:
@@ -189,6 +213,77 @@ def test_evaluate_and_plot_take_steps_of_waist_and_foot(replayed: Path, tmp_path
         assert picture.stat().st_size > 5_000
 
 
+# --- steps in a file ---------------------------------------------------------------------------
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 40), source=st.sampled_from(SOURCES))
+def test_a_walk_comes_back_from_its_table(
+    tmp_path_factory: pytest.TempPathFactory, seed: int, count: int, source: str
+) -> None:
+    rng = np.random.default_rng(seed)
+    spread = rng.normal(0, 0.1, (count, 3, 3))
+    walk = pdr.StepTrack(
+        "steps",
+        np.cumsum(rng.uniform(0.3, 2.0, count)),
+        rng.normal(0, 1, (count, 3)),
+        rng.uniform(0, 2 * np.pi, count),
+        spread @ spread.transpose(0, 2, 1),
+        rng.normal(0, 100, 3),
+        -1.0,
+        source,
+    )
+    path = tmp_path_factory.mktemp("table") / "steps.csv"
+    truth = Truth(walk.time_s, walk.position[1:], frame="enu")
+    step_table.write(path, walk, truth)
+    back, known = step_table.read(path)
+    assert (back.name, back.source, back.start_s) == ("steps", source, -1.0)
+    assert back.position == pytest.approx(walk.position, abs=1e-5)
+    assert back.position_s == pytest.approx(walk.position_s, rel=1e-8)
+    assert back.covariance == pytest.approx(walk.covariance, abs=1e-7)
+    assert np.cos(back.heading - walk.heading) == pytest.approx(np.ones(count), abs=1e-9)
+    assert known is not None and known.frame == "enu"
+    assert known.position_enu == pytest.approx(truth.position_enu, abs=1e-5)
+    # Another walk under the same name doesn't get this one's truth.
+    step_table.write(path, walk)
+    assert step_table.read(path)[1] is None
+
+
+@pytest.mark.parametrize(
+    ("column", "cell", "says"),
+    [
+        ("time_s", "0.0", r"steps\.csv, line 5: time goes back"),
+        ("x_m", "nan", r"line 5: x_m is nan"),
+        ("x_m", "east", r"line 5: could not convert"),
+        ("heading_deg", "", r"line 5: heading_deg is nan"),
+        ("xx_m2", "-1", r"line 5: the step's variances are negative"),
+        ("source", "horse", r"line 5: the source is 'horse'"),
+        ("source", "foot", r"line 5: the source is 'foot'"),
+        ("source", "waist,more", r"line 5: 14 cells, expected 13"),
+    ],
+)
+def test_a_broken_table_is_refused_with_its_line(
+    tmp_path: Path, column: str, cell: str, says: str
+) -> None:
+    lines = step_table.table(pdr.reckon(carried(20.0))).splitlines()
+    cells = lines[4].split(",")
+    cells[lines[0].split(",").index(column)] = cell
+    lines[4] = ",".join(cells)
+    path = tmp_path / "steps.csv"
+    path.write_text("\n".join(lines))
+    with pytest.raises(SolenavError, match=says):
+        step_table.read(path)
+    path.write_text("\n".join(lines[:2]))
+    with pytest.raises(SolenavError, match="no steps"):
+        step_table.read(path)
+
+
+def test_steps_need_a_truth_where_one_is_required() -> None:
+    walk = pdr.reckon(carried(20.0))
+    with pytest.raises(SolenavError, match="no truth"):
+        evaluation.evaluate_steps(walk, None, require_truth=True)
+
+
 # --- bad input -----------------------------------------------------------------------------------
 
 
@@ -206,6 +301,15 @@ def test_what_cannot_be_reckoned_is_refused() -> None:
         pdr.reckon(good, heading="magnetometer", start_heading=1.0)
     with pytest.raises(SolenavError, match="no steps"):
         pdr.reckon(carried(10.0, cadence=0.0))
+    for values in (good.accel, good.gyro):
+        broken = values.copy()
+        broken[250, 1] = np.nan
+        name = "accel" if values is good.accel else "gyro"
+        with pytest.raises(SolenavError, match=rf"walk, 5\.00 s: {name} y is nan"):
+            pdr.reckon(replace(good, **{name: broken}))
+    late = good.time_s + 0.5 * (good.time_s >= 5.0)
+    with pytest.raises(SolenavError, match=r"walk, 5\.50 s: 0\.520 s without samples"):
+        pdr.reckon(replace(good, time_s=late))
     with pytest.raises(SolenavError, match="NaN"):
         steps.detect(good.time_s, np.full(len(good.time_s), np.nan))
     with pytest.raises(SolenavError, match="too few"):
@@ -287,6 +391,23 @@ def test_the_indoor_format_knows_floor_way_points_and_field(tmp_path: Path) -> N
     file.write_text("\n".join(line for line in indoor_lines() if "GYRO" not in line))
     with pytest.raises(SolenavError, match="no rate of turn"):
         indoor.read(file)
+
+
+@pytest.mark.parametrize("kind", ["ACCELEROMETER", "GYROSCOPE", "MAGNETIC_FIELD"])
+@pytest.mark.parametrize(("first", "last"), [(0, 20), (60, 80), (130, 150)])
+def test_a_hole_in_one_sensor_of_an_indoor_file_is_refused_with_its_line(
+    tmp_path: Path, kind: str, first: int, last: int
+) -> None:
+    missing = {f"{1000 + 20 * i}\tTYPE_{kind}" for i in range(first, last)}
+    left = [line for line in indoor_lines() if "\t".join(line.split("\t")[:2]) not in missing]
+    file = tmp_path / "walk.txt"
+    file.write_text("\n".join(left))
+    if kind == "ACCELEROMETER" and (first == 0 or last == 150):
+        # A recording begins and ends with its accelerometer.
+        assert len(indoor.read(file).time_s) == 130
+    else:
+        with pytest.raises(SolenavError, match=r"line \d+: 0\.4.* s without samples"):
+            indoor.read(file)
 
 
 @settings(max_examples=40)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -119,6 +120,24 @@ def test_laps_go_five_times_around() -> None:
     assert np.ptp(position[:, :2], axis=0).max() < 30
 
 
+@pytest.mark.parametrize(("scenario", "speed_mps"), [("corridor", 1.1), ("corridor-fast", 1.7)])
+def test_corridors_are_38_by_60_m_and_close(scenario: str, speed_mps: float) -> None:
+    recording = simulate(scenario, errors=IDEAL, rate_hz=100)
+    truth = truth_of(recording)
+    np.testing.assert_allclose(truth.position_enu[-1], 0, atol=1e-9)
+    azimuth = recording.notes["initial_heading_rad"]
+    along = truth.position_enu[:, :2] @ [math.sin(azimuth), math.cos(azimuth)]
+    across = truth.position_enu[:, :2] @ [math.cos(azimuth), -math.sin(azimuth)]
+    # The foot sways by some centimetres beside the line.
+    assert np.ptp(along) == pytest.approx(60, abs=0.2)
+    assert np.ptp(across) == pytest.approx(38, abs=0.2)
+    moving = ~stance_of(recording)
+    first, last = np.flatnonzero(moving)[[0, -1]]
+    assert 192.6 / ((last - first) / 100) == pytest.approx(speed_mps, rel=0.05)
+    assert np.abs(recording.accel).max() < 16 * GRAVITY
+    assert np.degrees(np.abs(recording.gyro)).max() < 2000
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("scenario", WALKS)
 def test_a_walk_has_the_figures_of_a_gait(scenario: str, seed: int) -> None:
@@ -197,6 +216,29 @@ def test_noise_has_the_density_of_the_data_sheet(rate_hz: float) -> None:
     band = math.sqrt(rate_hz / 2)
     assert recording.accel.std(axis=0) == pytest.approx(400e-6 * 9.80665 * band, rel=0.05)
     assert recording.gyro.std(axis=0) == pytest.approx(math.radians(0.005) * band, rel=0.05)
+
+
+@pytest.mark.parametrize("rate_hz", [100, 400])
+def test_coloured_noise_has_its_size_and_its_lags_at_any_rate(rate_hz: float) -> None:
+    errors = SensorErrors(accel_coloured=0.1, gyro_coloured=0.01)
+    recording = simulate("stand", rate_hz=rate_hz, errors=errors, duration_s=1200)
+    sensors = (recording.accel - [0, 0, GRAVITY], 0.1), (recording.gyro, 0.01)
+    slow, fast = errors.lags_s
+    for values, size in sensors:
+        assert values.std(axis=0) == pytest.approx(size, rel=0.1)
+        lag = round(0.1 * rate_hz)
+        seen = np.mean(values[lag:] * values[:-lag]) / values.var()
+        # Of two lags in a row; sampling changes little at these rates.
+        expected = (slow * math.exp(-0.1 / slow) - fast * math.exp(-0.1 / fast)) / (slow - fast)
+        assert seen == pytest.approx(expected, abs=0.05)
+
+
+def test_coloured_noise_leaves_everything_else_as_it_was() -> None:
+    plain = simulate("loop", errors=TABLE1)
+    both = simulate("loop", errors=replace(TABLE1, gyro_coloured=0.01))
+    np.testing.assert_array_equal(plain.accel, both.accel)
+    np.testing.assert_array_equal(truth_of(plain).position_enu, truth_of(both).position_enu)
+    assert (both.gyro - plain.gyro).std() == pytest.approx(0.01, rel=0.2)
 
 
 def test_biases_spread_as_in_table_1() -> None:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from solenav.batching import batch
+    from solenav.calibration.finding import calibrate
     from solenav.capture import load
     from solenav.capture.summary import summary as info
     from solenav.comparison.runs import compare
@@ -31,22 +32,31 @@ if TYPE_CHECKING:
     from solenav.tuning import tune
     from solenav.verification import verify
     from solenav_tools.doctor import examine as doctor
+    from solenav_tools.download import download
     from solenav_tools.firmware_run import run as run_firmware
+    from solenav_tools.flash.flashing import flash
+    from solenav_tools.lines import cat
     from solenav_tools.matrix import run as matrix
+    from solenav_tools.monitor.watch import monitor
     from solenav_tools.recording import record
 
 _PLACES = {
     "batch": "solenav.batching:batch",
+    "calibrate": "solenav.calibration.finding:calibrate",
+    "cat": "solenav_tools.lines:cat",
     "compare": "solenav.comparison.runs:compare",
     "doctor": "solenav_tools.doctor:examine",
+    "download": "solenav_tools.download:download",
     "evaluate": "solenav.evaluation:evaluate",
     "export": "solenav.exporting:export",
+    "flash": "solenav_tools.flash.flashing:flash",
     "info": "solenav.capture.summary:summary",
     "load": "solenav.capture:load",
     "matrix": "solenav_tools.matrix:run",
+    "monitor": "solenav_tools.monitor.watch:monitor",
     "plot": "solenav.plotting:plot",
-    "record": "solenav_tools.recording:record",
     "read_recording": "solenav.datasets:read",
+    "record": "solenav_tools.recording:record",
     "replay": "solenav.replaying:replay",
     "run_firmware": "solenav_tools.firmware_run:run",
     "simulate": "solenav.sim.scenario:simulate",
@@ -57,13 +67,18 @@ _PLACES = {
 
 __all__ = [
     "batch",
+    "calibrate",
+    "cat",
     "compare",
     "doctor",
+    "download",
     "evaluate",
     "export",
+    "flash",
     "info",
     "load",
     "matrix",
+    "monitor",
     "plot",
     "read_recording",
     "record",

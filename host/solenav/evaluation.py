@@ -25,7 +25,7 @@ ALIGNMENTS = ("auto", "none", "origin", "yaw")
 
 _NEED_TRUTH = (
     "simulate or import a recording that has one, or put a table with the columns time_s, "
-    "east_m, north_m, up_m beside the capture (NAME.truth.csv)"
+    "east_m, north_m, up_m beside it (NAME.truth.csv)"
 )
 # A pose or two may be lost on the way; across more, a straight line is no estimate any more.
 _GAP_PERIODS = 3.5
@@ -199,10 +199,12 @@ def measure(run: Capture, truth: Truth | None) -> Evaluation:
     )
 
 
-def evaluate_steps(walk: StepTrack, truth: Truth | None, *, align: str = "auto") -> Evaluation:
+def evaluate_steps(
+    walk: StepTrack, truth: Truth | None, *, align: str = "auto", require_truth: bool = False
+) -> Evaluation:
     """The same of steps, a foot's or a waist's: places between steps are on straight lines.
 
-    `poses` counts the steps' ends. Errors and `align` as in `evaluate`.
+    `poses` counts the steps' ends. Errors, `align` and `require_truth` as in `evaluate`.
     """
     if align not in ALIGNMENTS:
         raise SolenavError(f"unknown alignment {align!r}", f"choose one of {', '.join(ALIGNMENTS)}")
@@ -223,6 +225,8 @@ def evaluate_steps(walk: StepTrack, truth: Truth | None, *, align: str = "auto")
         ),
     )
     if truth is None or not len(truth.time_s):
+        if require_truth:
+            raise SolenavError(f"{walk.name} has no truth to compare with", _NEED_TRUTH)
         return found
     comparison = lay(time_s, position, np.zeros_like(position), truth, align, name=walk.name)
     return replace(

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from solenav import mpu9150, parameters
 from solenav.capture.contents import Capture
 from solenav.errors import SolenavError
-from solenav.evaluation import Comparison, Evaluation, compare, last_run, measure, rmse
+from solenav.evaluation import Comparison, Evaluation, compare, last_run, lay, measure, rmse
 from solenav.pdr.track import StepTrack
 from solenav.recording import FloatArray, Truth
 from solenav_core import messages
@@ -104,16 +104,22 @@ def plot(capture: Capture, out: Path | str, *, title: str | None = None) -> None
 def plot_steps(walk: StepTrack, out: Path, *, truth: Truth | None = None) -> None:
     """Draw steps, a foot's or a waist's, into a PNG: where each ended and how long it was.
 
-    `truth` is in the axes of the steps. Raises SolenavError as `plot` does.
+    `truth` is laid onto the steps as `solenav.evaluation` does. Raises SolenavError as `plot` does.
     """
     where, lengths = walk.position, np.hypot(walk.displacement[:, 0], walk.displacement[:, 1])
+    known = truth.time_s if truth is not None else np.empty(0)
+    laid = np.empty((0, 3))
+    if truth is not None and len(known):
+        at_rest = np.zeros_like(where)
+        compared = lay(walk.position_s, where, at_rest, truth, name=walk.name)
+        laid = compared.alignment.moved(truth.position_enu)
     with sheet(out, (10.0, 8.0)) as figure:
         figure.set_layout_engine("constrained")
         way, length = figure.subplots(2, 1, height_ratios=(4, 1))
         way.plot(where[:, 0], where[:, 1], ".-", color=BLUE, linewidth=0.9, markersize=4)
         way.plot(*where[0, :2], "o", color=GREY, label="start")
-        if truth is not None and len(truth.time_s):
-            _truth(way, truth.time_s, truth.position_enu[:, 0], truth.position_enu[:, 1])
+        if len(laid):
+            _truth(way, known, laid[:, 0], laid[:, 1])
         way.set_aspect("equal", adjustable="datalim")
         way.set_title(f"{walk.name}: {len(walk)} steps of the {walk.source}")
         way.set_xlabel("x or East, m")

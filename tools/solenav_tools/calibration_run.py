@@ -16,6 +16,7 @@ from solenav.capture.contents import dtype
 from solenav.capture.sidecar import write_sidecar
 from solenav.errors import SolenavError
 from solenav.link import Frame, unpack
+from solenav.link.schema import need_schema
 from solenav.recording import Recording
 from solenav_core import messages
 from solenav_tools.ports import PortVanished, open_port
@@ -83,12 +84,7 @@ class _Samples:
 
     def take(self, frame: Frame) -> None:
         if frame.kind == messages.HELLO:
-            schema = unpack(frame)["schema"]
-            if schema != messages.SCHEMA:
-                raise SolenavError(
-                    f"firmware and host differ (schema {schema:04x})",
-                    "install the host version that goes with the firmware, or flash it anew",
-                )
+            need_schema(unpack(frame), self._port)
         elif frame.kind == messages.SAMPLE:
             self._rows += frame.payload
             self._heard = time.monotonic()

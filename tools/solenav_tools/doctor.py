@@ -15,7 +15,9 @@ from solenav import parameters
 from solenav.capture.contents import Fragments
 from solenav.capture.summary import core_test, failed_sensors
 from solenav.errors import SolenavError
-from solenav.link import Damage, Frame, FrameReader, unpack
+from solenav.link import Damage, Frame, FrameReader, missing, unpack
+from solenav.link.schema import need_schema
+from solenav.link.units import complaints, mode_text
 from solenav.mpu9150 import celsius
 from solenav_core import messages
 from solenav_core.tables.defaults import PARAMS
@@ -69,8 +71,7 @@ class Seen:
             self.damaged += 1
             return
         self.frames += 1
-        if self._seq >= 0 and item.kind != messages.HELLO:
-            self.lost += (item.seq - self._seq - 1) % 256
+        self.lost += missing(self._seq, item)
         self._seq = item.seq
         fields = unpack(item)
         if item.kind == messages.HELLO:
@@ -145,15 +146,7 @@ class Doctor:
                 "check that it is the UART's port and not the REPL's, TX and RX, the baud rate; "
                 "flash the firmware",
             )
-        schema = self.seen.hello["schema"]
-        if schema != messages.SCHEMA:
-            text = self.seen.hello["text"].decode("utf-8", "replace")
-            raise SolenavError(
-                f"firmware and host differ: {text} speaks schema {schema:04x}, this host "
-                f"{messages.SCHEMA:04x}",
-                "solenav flash, or install the host version that goes with the firmware",
-                1,
-            )
+        need_schema(self.seen.hello, str(self._port.port))
         size = 4 * len(messages.NAMES)
         self._ask(messages.ASK_HELLO, lambda: len(self.seen.params) == size, _ANSWER_S)
 
@@ -217,8 +210,7 @@ class Doctor:
             yield Check("state", FAIL, "no STATUS came", "look at the link first")
             return
         s = self.seen.statuses[-1]
-        modes = ("idle", "aligning", "navigating", "sensor fault", "resuming")
-        mode = modes[min(s["mode"], 4)]
+        mode = mode_text(s["mode"])
         if s["mode"] == messages.FAULT:
             last = self.seen.logs[-1] if self.seen.logs else ""
             yield Check("state", FAIL, f"{mode}; {last}", "docs: troubleshooting, the sensor")
@@ -316,13 +308,7 @@ class Doctor:
         return Check("commands", PASS, "all were heard")
 
     def _trust(self) -> Check:
-        complaints = {
-            messages.FROZEN: "no stance for 10 s",
-            messages.SATURATED: "velocity was at its limit",
-            messages.GAP: "samples were lost",
-            messages.RESUMED: "resumed after a hole",
-        }
-        found = [text for flag, text in complaints.items() if self.seen.flags & flag]
+        found = complaints(self.seen.flags)
         if found:
             return Check("pose", WARN, ", ".join(found), "stand still and start anew")
         return Check("pose", PASS, "no complaint")

@@ -6,7 +6,7 @@ import os
 import time
 from binascii import crc32
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,8 +16,10 @@ from solenav.capture import CaptureWriter, read_records
 from solenav.capture.sidecar import write_sidecar
 from solenav.errors import SolenavError
 from solenav.link import NAMES, Damage, Frame, FrameReader, decode, unpack
+from solenav.link.schema import need_schema
 from solenav_core import messages
-from solenav_tools.ports import read_some
+from solenav_tools.ports import PortVanished, open_port, read_some
+from solenav_tools.progress import Progress, unseen
 from solenav_tools.recorder import Asker
 
 _WINDOW = 16384  # bytes asked for at once
@@ -40,6 +42,22 @@ class Checked(NamedTuple):
     number: int
     size: int
     crc: int
+
+
+@dataclass
+class Downloaded:
+    """What came of a black box. `files`: Fetched, or Stored where only the list was asked for."""
+
+    port: str
+    bytes: int = 0  # of all files
+    free: int = 0  # bytes of flash on the board
+    longest_access_us: int = 0  # to its flash, since power-up
+    files: list[Fetched] | list[Stored] = field(default_factory=list)
+    seconds: float = 0.0
+
+    def as_dict(self) -> dict[str, Any]:
+        listed = [f.as_dict() if isinstance(f, Fetched) else f._asdict() for f in self.files]
+        return {**self.__dict__, "files": listed}
 
 
 @dataclass
@@ -77,12 +95,7 @@ class BlackBox:
     def hello(self) -> None:
         """Ask who is there. SolenavError where that is nobody, or one of another schema."""
         for frame in self._answers(messages.HELLO, messages.ASK_HELLO, tries=_HELLO_TRIES):
-            schema = unpack(frame)["schema"]
-            if schema != messages.SCHEMA:
-                raise SolenavError(
-                    f"firmware and host differ (schema {schema:04x})",
-                    "install the host version that goes with the firmware, or flash it anew",
-                )
+            need_schema(unpack(frame), str(self._port.name))
             return
 
     def files(self) -> list[Stored]:
@@ -173,6 +186,53 @@ class BlackBox:
             "check that it is the solenav board's port, and the baud rate",
             1,
         )
+
+
+def download(
+    port: str,
+    folder: Path | str = ".",
+    *,
+    erase: bool = False,
+    only_list: bool = False,
+    baud: int | None = None,
+    progress: Progress = unseen,
+) -> Downloaded:
+    """Fetch all files of the black box of the board at a port into captures in `folder`.
+
+    After a break the same call goes on from where it was. `erase`: the board lets go of each file
+    whose copy is verified. SolenavError where the board doesn't answer, or the port vanishes.
+    """
+    output = Path(folder)
+    began = time.monotonic()
+    found = Downloaded(port)
+    done: list[Fetched] = []
+    try:
+        with open_port(port, baud) as opened:
+            box = BlackBox(opened)
+            box.hello()
+            stored = box.files()
+            found.bytes = sum(file.size for file in stored)
+            found.free, found.longest_access_us = box.free, box.longest
+            if only_list:
+                found.files = stored
+            else:
+                notes = {"port": port, "baud": opened.baudrate, "downloaded": time.time()}
+                with progress("downloading", found.bytes) as show:
+                    here = 0
+                    for file in stored:
+                        count = lambda part, before=here: show(before + part)  # noqa: E731
+                        done.append(fetch(box, file, output, notes, count, erase=erase))
+                        here += file.size
+                found.files = done
+    except (PortVanished, KeyboardInterrupt) as error:
+        what = f"{port} vanished" if isinstance(error, PortVanished) else "stopped"
+        raise SolenavError(
+            f"{what} after {len(done)} whole files; all that came is kept in {output}",
+            "the same command goes on from there",
+            1,
+        ) from None
+    found.seconds = round(time.monotonic() - began, 3)
+    return found
 
 
 def fetch(

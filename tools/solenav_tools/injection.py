@@ -14,13 +14,16 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
 import serial
+from numpy.typing import NDArray
 
 from solenav import engines, replaying
 from solenav.capture import Capture
 from solenav.capture.contents import Fragments
 from solenav.errors import SolenavError
 from solenav.link import Frame, FrameReader, command, unpack
+from solenav.link.schema import need_schema
 from solenav_core import messages, navigator
 from solenav_tools.matrix import Difference, state_difference
 from solenav_tools.ports import read_some, send
@@ -78,10 +81,13 @@ def inject(
     report = DeviceReport(
         hello["text"].decode("utf-8", "replace"), name, samples=len(capture.samples)
     )
+    words = replaying.samples_of(capture).words
+    # An engine may compile at its first tick, for longer than the board's patience.
+    engines.create(name, capture.params[0][1]).advance(words, 0, 1)
     session.asked(messages.ASK_INJECT, 1)
     began = time.monotonic()
     try:
-        _run(session, capture, report, progress, forest)
+        _run(session, capture, words, report, progress, forest)
     except SolenavError:
         # It may have been restarted, or hear nothing: then its own patience ends it.
         session.leave()
@@ -94,11 +100,11 @@ def inject(
 def _run(
     session: Session,
     capture: Capture,
+    words: NDArray[np.int16],
     report: DeviceReport,
     progress: Callable[[int], None],
     forest: array[int] | None,
 ) -> None:
-    words = replaying.samples_of(capture).words
     params = capture.params[0][1][:]
     changes = replaying.parameter_changes(capture)
     core = engines.create(report.engine, params, forest)
@@ -174,11 +180,7 @@ class Session:
                 for frame in self._frames():
                     if frame.kind == messages.HELLO:
                         hello = unpack(frame)
-                        if hello["schema"] != messages.SCHEMA:
-                            raise SolenavError(
-                                f"firmware and host differ (schema {hello['schema']:04x})",
-                                "solenav flash, or the host version that goes with the firmware",
-                            )
+                        need_schema(hello, str(self._port.port))
                     elif frame.kind == messages.PARAMS:
                         whole = fragments.add(frame)
                         if hello and whole is not None:

@@ -19,6 +19,7 @@ from solenav.capture.file import scan
 from solenav.capture.sidecar import read_sidecar, read_truth
 from solenav.errors import SolenavError
 from solenav.link import FIELDS, NAMES, Damage, Frame, FrameReader, unpack
+from solenav.link.schema import need_schema
 from solenav.modes import labels
 from solenav.modes.labels import Label
 from solenav.recording import FloatArray, Truth
@@ -82,14 +83,6 @@ class Capture:
     cut_off_bytes: int = 0  # of a last record that isn't whole
     arrival: tuple[float, float] = (0.0, 0.0)
 
-    @property
-    def foreign_schema(self) -> int | None:
-        """The schema of the firmware, where it is not this host's."""
-        for _order, hello in self.hellos:
-            if hello["schema"] != messages.SCHEMA:
-                return int(hello["schema"])
-        return None
-
     @cached_property
     def truth(self) -> Truth | None:
         """The truth beside the capture, or None. SolenavError where its file is damaged."""
@@ -142,14 +135,8 @@ class Capture:
 
     def need_schema(self) -> None:
         """SolenavError where the firmware spoke another schema than this host."""
-        foreign = self.foreign_schema
-        if foreign is not None:
-            text = self.hellos[0][1]["text"].decode("utf-8", "replace")
-            raise SolenavError(
-                f"{self.path}: firmware and host differ: the firmware ({text}) speaks message "
-                f"schema {foreign:04x}, this host {messages.SCHEMA:04x}",
-                "install the host version that goes with the firmware, or flash the firmware anew",
-            )
+        for _order, hello in self.hellos:
+            need_schema(hello, str(self.path))
 
     def need_poses(self) -> None:
         """SolenavError unless there are poses."""

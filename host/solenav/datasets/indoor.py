@@ -34,7 +34,7 @@ def read(path: Path, *, foot: str = "right") -> Recording:
     """
     notes: dict[str, str] = {}
     found: dict[str, list[list[float]]] = {name: [] for name in WIDTHS}
-    lines_of: list[int] = []
+    lines_of: dict[str, list[int]] = {kind: [] for kind in WIDTHS}
     for number, line in enumerate(checks.read_lines(path, ".txt"), 1):
         cells = line.split("\t")
         if line.startswith("#"):
@@ -54,8 +54,7 @@ def read(path: Path, *, foot: str = "right") -> Recording:
             raise SolenavError(f"{path}, line {number}: {error}", checks.MEND_FILE) from None
         if not np.isfinite(row).all():
             raise SolenavError(f"{path}, line {number}: a value is not finite", checks.MEND_FILE)
-        if cells[1] == "TYPE_ACCELEROMETER":
-            lines_of.append(number)
+        lines_of[cells[1]].append(number)
         found[cells[1]].append(row)
     accel = np.array(found["TYPE_ACCELEROMETER"])
     gyro = np.array(found["TYPE_GYROSCOPE"])
@@ -64,9 +63,11 @@ def read(path: Path, *, foot: str = "right") -> Recording:
             f"{path} has no acceleration or no rate of turn", "record it again, or another format"
         )
 
-    def place(sample: int) -> str:
-        return f"{path}, line {lines_of[min(sample, len(lines_of) - 1)]}"
+    def place_of(kind: str) -> checks.Place:
+        lines = lines_of[kind]
+        return lambda sample: f"{path}, line {lines[min(sample, len(lines) - 1)]}"
 
+    place = place_of("TYPE_ACCELEROMETER")
     time_s = accel[:, 0] / 1e3
     checks.check_increasing(time_s, place, repeats=True)
     # Two samples of one millisecond: the later replaces the first.
@@ -83,10 +84,10 @@ def read(path: Path, *, foot: str = "right") -> Recording:
         "indoor",
         time_s - time_s[0],
         accel[:, 1:],
-        _on(time_s, gyro),
+        _on(time_s, gyro, place_of("TYPE_GYROSCOPE")),
         place,
         truth,
-        _on(time_s, field) if len(field) else None,
+        _on(time_s, field, place_of("TYPE_MAGNETIC_FIELD")) if len(field) else None,
         **notes,
     )
 
@@ -103,8 +104,11 @@ def read_size(path: Path) -> tuple[float, float]:
         ) from None
 
 
-def _on(time_s: FloatArray, rows: FloatArray) -> FloatArray:
-    """Rows (n, 1 + k), ms first, interpolated at `time_s`, (m, k)."""
-    return np.column_stack(
-        [np.interp(time_s, rows[:, 0] / 1e3, column) for column in rows[:, 1:].T]
-    )
+def _on(time_s: FloatArray, rows: FloatArray, place: checks.Place) -> FloatArray:
+    """Rows (n, 1 + k), ms first, interpolated at `time_s`, (m, k). SolenavError for holes."""
+    at = rows[:, 0] / 1e3
+    checks.check_increasing(at, place, repeats=True)
+    # What lacks at the ends is a hole too.
+    whole = np.r_[time_s[0], np.clip(at, time_s[0], time_s[-1]), time_s[-1]]
+    checks.check_gaps(whole, lambda sample: place(max(sample - 1, 0)))
+    return np.column_stack([np.interp(time_s, at, column) for column in rows[:, 1:].T])

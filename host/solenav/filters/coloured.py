@@ -38,7 +38,8 @@ LAGS = 20
 class Colour:
     """AR(p) noise of each axis of the velocity in stance: `phi` (p,), `sigma` m/s of what is new.
 
-    For `rate_hz` samples a second. SolenavError where it isn't stationary or has no size.
+    For `rate_hz` samples a second; `at` another rate `phi` stays and the variance grows with it, as
+    more samples of one stance say no more. SolenavError where it isn't stationary or has no size.
     """
 
     phi: tuple[float, ...]
@@ -65,6 +66,10 @@ class Colour:
         inside = np.linalg.solve(np.eye(p * p) - np.kron(step, step), new.ravel()).reshape(p, p)
         return np.append(inside[0], np.dot(self.phi, inside[0, ::-1]))
 
+    def at(self, rate_hz: float) -> Colour:
+        """The noise that a walk of that rate has."""
+        return Colour(self.phi, self.sigma * (rate_hz / self.rate_hz) ** 0.5, rate_hz)
+
     def predictors(self) -> tuple[FloatArray, FloatArray]:
         """Best predictors from m = 0 to p samples: coefficients (p + 1, p), variances (p + 1,)."""
         p, gamma = len(self.phi), self.autocovariance
@@ -86,7 +91,7 @@ def run(walk: Walk, aids: Aids, *, colour: Colour = COLOUR, form: str = "differe
     """The walk by one of the two forms. SolenavError for an unknown one."""
     if form not in FORMS:
         raise SolenavError(f"unknown form {form!r}", f"choose {' or '.join(FORMS)}")
-    t = ekf.TUNING[9]
+    t, colour = ekf.TUNING[9], colour.at(walk.rate_hz)
     n, p = len(walk.counts), len(colour.phi)
     position, velocity = np.zeros((n, 3)), np.zeros((n, 3))
     deviations = np.zeros(9 + 3 * p)
@@ -130,27 +135,45 @@ class Order(NamedTuple):
 
 
 def estimate(values: list[FloatArray], rate_hz: float) -> list[Order]:
-    """Orders 1 to 4 on stretches (n, 3) of velocity in stance, m/s; all on the same samples.
+    """Orders 1 to 4 on stretches (n, 3) of one noise, such as velocity in stance, m/s.
 
-    SolenavError with too few samples or without statsmodels.
+    Burg's recursion over all stretches and axes, whose noise is stationary whatever the values
+    (de Waele, Broersen 2000, "The Burg algorithm for segments", IEEE Trans. Signal Processing
+    48(10)); AIC = N ln sigma² + 2 p, every order on the same N samples. SolenavError with too few
+    samples, values that never change, or without statsmodels.
     """
     longest = max(ORDERS)
     usable = [v for v in values if len(v) > longest + 1]
     if sum(len(v) - longest for v in usable) < 10 * longest:
         raise SolenavError("too little stance to estimate noise from", "take a longer walk")
-    found = []
+    ahead, behind = list(usable), list(usable)
+    phi, found = np.empty(0), []
     for order in ORDERS:
-        target = np.concatenate([v[longest:].T.ravel() for v in usable])
-        lagged = np.column_stack(
-            [
-                np.concatenate([v[longest - k : len(v) - k].T.ravel() for v in usable])
-                for k in range(1, order + 1)
-            ]
+        ahead, behind = [f[1:] for f in ahead], [b[:-1] for b in behind]
+        power = sum(float((f * f + b * b).sum()) for f, b in zip(ahead, behind, strict=True))
+        if power == 0.0:
+            raise SolenavError("there is no noise in these values", "take a longer walk")
+        common = sum(float((f * b).sum()) for f, b in zip(ahead, behind, strict=True))
+        reflected = 2 * common / power
+        phi = np.append(phi - reflected * phi[::-1], reflected)
+        ahead, behind = (
+            [f - reflected * b for f, b in zip(ahead, behind, strict=True)],
+            [b - reflected * f for f, b in zip(ahead, behind, strict=True)],
         )
-        fit = _statsmodels("api").OLS(target, lagged).fit()
-        test = _statsmodels("stats.diagnostic").acorr_ljungbox(fit.resid, lags=[LAGS])
-        colour = Colour(tuple(fit.params.tolist()), float(np.std(fit.resid)), rate_hz)
-        found.append(Order(order, float(fit.aic), float(test["lb_pvalue"].iloc[0]), colour))
+        # An axis after the other: what is left of one says nothing of the next.
+        left = np.concatenate([f[longest - order :].T.ravel() for f in ahead])
+        sigma = float(np.sqrt(np.mean(left * left)))
+        # statsmodels' own acorr_ljungbox takes minutes on a long walk: it knows no FFT.
+        seen = _stattools().acf(left, nlags=LAGS, fft=True)[1:]
+        _, chances = _stattools().q_stat(seen, len(left))
+        found.append(
+            Order(
+                order,
+                2 * len(left) * float(np.log(sigma)) + 2 * order,
+                float(chances[-1]),
+                Colour(tuple(phi.tolist()), sigma, rate_hz),
+            )
+        )
     return found
 
 
@@ -171,9 +194,9 @@ def stances(walk: Walk) -> list[FloatArray]:
     return [track.velocity[max(a, begin) : b] for a, b in edges.reshape(-1, 2) if b > begin]
 
 
-def _statsmodels(module: str) -> Any:
+def _stattools() -> Any:
     try:
-        return import_module(f"statsmodels.{module}")
+        return import_module("statsmodels.tsa.stattools")
     except ImportError:
         raise SolenavError(
             "estimating noise needs statsmodels", "pip install 'solenav[related]'"

@@ -152,6 +152,14 @@ class FrameReader:
             yield Damage(lost, "cut off")
 
 
+def missing(before: int, frame: Frame) -> int:
+    """How many frames were lost since the one with seq `before` (below 0: none was heard).
+
+    HELLO is out of the count: with it a board may have begun anew.
+    """
+    return (frame.seq - before - 1) % 256 if before >= 0 and frame.kind != messages.HELLO else 0
+
+
 class FrameWriter:
     """Encodes frames with running sequence numbers, modulo 256."""
 

@@ -93,3 +93,21 @@ POSE_FLAGS = {
     messages.RESUMED: "resumed",
 }
 """POSE's flags in words; the first two are no complaints."""
+
+_MODES = ("idle", "aligning", "navigating", "sensor fault", "resuming")
+_COMPLAINTS = {
+    messages.FROZEN: "no stance for long: drifting",
+    messages.SATURATED: "velocity has been at its limit: do not trust",
+    messages.GAP: "samples were lost: may be off by metres",
+    messages.RESUMED: "gone on after a hole: what was walked meanwhile is missing",
+}
+
+
+def mode_text(mode: int) -> str:
+    """STATUS' mode in words."""
+    return _MODES[mode] if mode < len(_MODES) else f"mode {mode}"
+
+
+def complaints(flags: int) -> list[str]:
+    """Why a POSE with these flags can't be trusted, in words."""
+    return [text for flag, text in _COMPLAINTS.items() if flags & flag]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -10,15 +11,16 @@ import numpy as np
 
 from solenav.magmap.grid import MagneticMap
 from solenav.magmap.positioning import Located
-from solenav.magmap.surveying import Variogram
+from solenav.magmap.surveying import Variogram, variograms_of
 from solenav.plotting import BLUE, GREEN, GREY, INK, PURPLE, RED, sheet
 from solenav.recording import FloatArray, Truth
 
 COLOURS = {"firefly": RED, "plain": BLUE, "centroid": GREEN, "dead reckoning": PURPLE}
 
 
-def draw_map(made: MagneticMap, out: Path, variograms: Sequence[Variogram] = ()) -> None:
-    """Strength of the field, its three components' uncertainty, and variograms where given."""
+def draw_map(made: MagneticMap, out: Path) -> None:
+    """Strength of the field, its three components' uncertainty, and variograms where kriged."""
+    variograms = variograms_of(made)
     panels = 3 if variograms else 2
     with sheet(out, (5.6 * panels, 5.6), dpi=90) as figure:
         figure.set_layout_engine("constrained")
@@ -84,6 +86,9 @@ def draw_walks(
             axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     axes.grid(False)
     axes.set_aspect("equal")
+    # The map's edge is no edge for walks that begin on it.
+    axes.use_sticky_edges = False
+    axes.autoscale_view()
     axes.set_xlabel("x, m")
     axes.set_ylabel("y, m")
 
@@ -114,13 +119,14 @@ def _cells(
     extent = (made.x[0] - half, made.x[-1] + half, made.y[0] - half, made.y[-1] + half)
     axes.grid(False)
     axes.set_xlabel("x, m")
+    axes.set_ylabel("y, m")
     return axes.imshow(
         values, origin="lower", extent=extent, cmap=colours, alpha=alpha, interpolation="nearest"
     )
 
 
 def _variograms(axes: Any, variograms: Sequence[Variogram]) -> None:
-    for one, colour in zip(variograms, (BLUE, RED, GREEN), strict=True):
+    for one, colour in zip(variograms, cycle((BLUE, RED, GREEN)), strict=False):
         axes.plot(one.lags, one.semivariance, ".", color=colour)
         lags = np.linspace(0, float(one.lags.max()), 200)
         axes.plot(lags, one.at(lags), color=colour, label=one.component)

@@ -7,7 +7,7 @@ weighed and renewed (docs/magmap.md gives the sources):
 
 - `plain`: weight by the field alone; below 2N/3 effective particles systematic resampling.
 - `firefly`: weight is a sum, of the field and of the distance to the dead reckoned place; instead
-  of copying, light particles fly towards the brightest; too narrow a cloud is thrown open.
+  of copying, light particles fly towards brighter ones; too narrow a cloud is thrown open.
 - `centroid`: weight as `plain`; only particles nearest to and farthest from the cloud's centre are
   resampled; where the field contradicts all particles for some steps, it starts anew.
 """
@@ -16,8 +16,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -27,6 +28,7 @@ from solenav.magmap.grid import MagneticMap
 from solenav.pdr import reckoning, steps
 from solenav.pdr.attitude import level
 from solenav.pdr.length import GENERIC, LengthModel
+from solenav.pdr.steps import Steps
 from solenav.pdr.track import StepTrack
 from solenav.recording import FloatArray, Recording
 
@@ -42,7 +44,8 @@ class Tuning:
     `field_ut` is the deviation of a step's field from a sure map (phone, height, people);
     `clip` caps what one component can say, in squared deviations, and `off_map` is what a place
     off the map says. Then the spread at the start and per step. From `rho_start` on come the
-    firefly filter's, from `near` on the centroid filter's.
+    firefly filter's, from `near` on the centroid filter's. `brightest`: all fly to the one
+    heaviest particle. `by_cloud`: near and far are shares of the cloud's radius, not of the step.
     """
 
     particles: int = 500
@@ -52,22 +55,24 @@ class Tuning:
     temper: float = 0.5
     start_m: float = 0.5
     start_turn: float = math.radians(20)
-    start_scale: float = 0.08
-    step_m: float = 0.15
+    start_scale: float = 0.12
+    step_m: float = 0.25
     step_turn: float = math.radians(3.0)
     step_scale: float = 0.01
     resample: float = 2 / 3
-    rho_start: float = 0.2
+    rho_start: float = 0.9
     rho_end: float = 0.0
-    turns: float = 2.0
-    pdr_m: float = 1.0
+    turns: float = 0.5
+    pdr_m: float = 2.0
     calm_ut: float = 100.0
     attraction: float = 1.0
-    jitter_m: float = 0.6
+    brightest: bool = False
+    jitter_m: float = 1.5
     jitter_turn: float = math.radians(8.0)
     narrow_m2: float = 0.01
     near: float = 0.2
     far: float = 0.8
+    by_cloud: bool = False
     lost: float = 9.0
     lost_steps: int = 5
     anew_m: float = 2.0
@@ -82,7 +87,8 @@ class Located:
 
     `track` are the steps, from place to place of the filter's mean, with the cloud's covariance
     differences left out: `spread` (n + 1,) m is the cloud's deviation at each place instead.
-    `renewed` counts resamplings, `anew` fresh starts; `seconds_per_step` is the filter's own time.
+    `renewed` counts resamplings, `anew` fresh starts; `seconds_per_step` is the filter's
+    own time on the processor.
     """
 
     filter: str
@@ -128,36 +134,30 @@ _Weigh = Callable[[_Cloud, _Step, FloatArray, FloatArray, Tuning], FloatArray]
 _Renew = Callable[[_Cloud, _Step, Generator, Tuning], None]
 
 
-def locate(
-    trace: Recording,
-    floor: MagneticMap,
-    start: tuple[float, float],
-    *,
-    filter: str = "firefly",
-    start_heading: float | None = None,
-    seed: int = 1,
-    model: LengthModel = GENERIC,
-    tuning: Tuning = TUNING,
-    begin_s: float = 0.0,
-) -> Located:
-    """The walk of `trace` from `start` (m, the map's axes) at `begin_s` on.
+@dataclass(frozen=True)
+class Paces:
+    """A walk as the filters get it: what doesn't depend on the map, the start, or luck.
 
-    `start_heading` is where the phone points then, rad counterclockwise from the map's x; None
-    takes it from the field, which the map must know at the start.
-
-    SolenavError for an unknown filter; a trace without magnetometer, with holes in it or without
-    steps; a map of another floor; and a start off the map.
+    `yaw` (n,) rad and `field` (n, 3) µT are means over each of the `found` steps, in axes level
+    and turning with the phone; `first_yaw` and `first_field` (3,) those of the first second.
+    `reckoned` is the walk without a map. `notes` are the trace's.
     """
-    if filter not in FILTERS:
-        raise SolenavError(f"there is no filter {filter!r}", f"choose from {', '.join(FILTERS)}")
-    check_floor(trace, floor)
-    known = _field_at(floor, start)
-    if known is None:
-        raise SolenavError(
-            f"the start ({start[0]:g}, {start[1]:g}) is off the map {floor.floor}",
-            f"it has places in x {floor.x[0]:g} to {floor.x[-1]:g}, y {floor.y[0]:g} to "
-            f"{floor.y[-1]:g} m: see `solenav magmap show`",
-        )
+
+    found: Steps
+    lengths: FloatArray
+    yaw: FloatArray
+    field: FloatArray
+    first_yaw: float
+    first_field: FloatArray
+    reckoned: StepTrack
+    notes: Mapping[str, Any]
+
+
+def paces(trace: Recording, *, model: LengthModel = GENERIC, begin_s: float = 0.0) -> Paces:
+    """The steps of `trace` from `begin_s` on, with the field over each.
+
+    SolenavError for a trace without magnetometer, with holes in it, or without steps.
+    """
     seen = level(trace)
     field = reckoning.need_field(trace.name, seen)
     found = steps.detect(seen.time_s, seen.vertical)
@@ -167,40 +167,86 @@ def locate(
             f"{trace.name}: no steps found", "is it a walk with a phone in the hand?"
         )
     lengths = model.of(found)
-    yaw = reckoning.over_steps(found, seen.time_s, seen.yaw)
-    mean = reckoning.over_steps(found, seen.time_s, field)
     soon = (seen.time_s >= begin_s) & (seen.time_s <= begin_s + 1.0)
-    began = float(seen.yaw[soon].mean())
-    first = field[soon].mean(axis=0)
+    return Paces(
+        found,
+        lengths,
+        reckoning.over_steps(found, seen.time_s, seen.yaw),
+        reckoning.over_steps(found, seen.time_s, field),
+        float(seen.yaw[soon].mean()),
+        field[soon].mean(axis=0),
+        replace(
+            reckoning.track_of(trace.name, found, seen.time_s, seen.yaw, lengths), start_s=begin_s
+        ),
+        trace.notes,
+    )
+
+
+def locate(
+    walk: Recording | Paces,
+    floor: MagneticMap,
+    start: tuple[float, float],
+    *,
+    filter: str = "firefly",
+    start_heading: float | None = None,
+    seed: int = 1,
+    tuning: Tuning = TUNING,
+    begin_s: float = 0.0,
+) -> Located:
+    """The walk from `start` (m, the map's axes) at `begin_s` on; `Paces` begin where they do.
+
+    `start_heading` is where the phone points then, rad counterclockwise from the map's x; None
+    takes it from the field, which the map must know at the start.
+
+    SolenavError for an unknown filter; a map of another floor; a start off the map; and whatever
+    `paces` refuses.
+    """
+    if filter not in FILTERS:
+        raise SolenavError(f"there is no filter {filter!r}", f"choose from {', '.join(FILTERS)}")
+    check_floor(walk.reckoned.name if isinstance(walk, Paces) else walk.name, walk.notes, floor)
+    known = _field_at(floor, start)
+    if known is None:
+        raise SolenavError(
+            f"the start ({start[0]:g}, {start[1]:g}) is off the map {floor.floor}",
+            f"it has places in x {floor.x[0]:g} to {floor.x[-1]:g}, y {floor.y[0]:g} to "
+            f"{floor.y[-1]:g} m: see `solenav magmap show`",
+        )
+    if isinstance(walk, Recording):
+        walk = paces(walk, begin_s=begin_s)
+    yaw, mean, first = walk.yaw, walk.field, walk.first_field
     unsure = tuning.start_turn
     if start_heading is not None:
-        turn = start_heading - began
+        turn = start_heading - walk.first_yaw
     else:
-        turn = math.atan2(known[1], known[0]) - math.atan2(first[1], first[0]) - began
+        turn = math.atan2(known[1], known[0]) - math.atan2(first[1], first[0]) - walk.first_yaw
         # A weak horizontal field says little of its direction.
         weakest = min(math.hypot(known[0], known[1]), math.hypot(first[0], first[1]))
         unsure = max(unsure, math.atan2(1.5 * tuning.field_ut, weakest))
-    changes = np.diff(yaw, prepend=began)
+    changes = np.diff(yaw, prepend=walk.first_yaw)
     disturbed = np.linalg.norm(np.diff(mean, axis=0, prepend=mean[:1]), axis=1)
     rng = np.random.default_rng(seed)
     cloud = _begin(np.array(start, np.float64), turn, unsure, rng, tuning)
     places, spread = [cloud.place], [tuning.start_m]
-    clock = time.perf_counter()
-    for k in range(len(found)):
-        step = _Step(float(lengths[k]), float(yaw[k]), float(changes[k]), mean[k], disturbed[k])
+    clock = time.thread_time()
+    for length, yaw_, turned, felt, change in zip(
+        walk.lengths.tolist(), yaw.tolist(), changes.tolist(), mean, disturbed.tolist(), strict=True
+    ):
+        step = _Step(length, yaw_, turned, felt, change)
         _advance(cloud, step, floor, rng, tuning, *FILTERS[filter])
         places.append(cloud.place)
         off = cloud.particles[:, :2] - cloud.place
         spread.append(math.sqrt(float(cloud.weights @ (off * off).sum(axis=1))))
-    seconds = (time.perf_counter() - clock) / len(found)
+    seconds = (time.thread_time() - clock) / len(yaw)
     where = np.array(places)
-    track = reckoning.track_of(trace.name, found, seen.time_s, seen.yaw, lengths, start)
-    moved = np.column_stack([np.diff(where, axis=0), np.zeros(len(found))])
-    heading = np.arctan2(moved[:, 1], moved[:, 0])
-    covariance = np.zeros((len(found), 3, 3))
+    moved = np.column_stack([np.diff(where, axis=0), np.zeros(len(yaw))])
+    covariance = np.zeros((len(yaw), 3, 3))
     covariance[:, 0, 0] = covariance[:, 1, 1] = np.square(spread[1:]) / 2
     track = replace(
-        track, displacement=moved, heading=heading, covariance=covariance, start_s=begin_s
+        walk.reckoned,
+        displacement=moved,
+        heading=np.arctan2(moved[:, 1], moved[:, 0]),
+        covariance=covariance,
+        start=np.array([*start, 0.0]),
     )
     return Located(filter, track, np.array(spread), cloud.renewed, cloud.anew, seconds)
 
@@ -215,18 +261,18 @@ def _field_at(floor: MagneticMap, start: tuple[float, float]) -> FloatArray | No
     return np.asarray(floor.field[:, rows[next_to], columns[next_to]])
 
 
-def check_floor(trace: Recording, floor: MagneticMap) -> None:
-    """SolenavError where trace and map say that they are of different floors."""
-    of = trace.notes.get("floor")
+def check_floor(name: str, notes: Mapping[str, Any], floor: MagneticMap) -> None:
+    """SolenavError where a trace's notes and the map say that they are of different floors."""
+    of = notes.get("floor")
     if of and floor.floor and of != floor.floor:
         raise SolenavError(
-            f"{trace.name} was walked on floor {of}, the map is of floor {floor.floor}",
+            f"{name} was walked on floor {of}, the map is of floor {floor.floor}",
             "give the map of that floor",
         )
-    site = trace.notes.get("site")
+    site = notes.get("site")
     if site and floor.site and site != floor.site:
         raise SolenavError(
-            f"{trace.name} was walked at {site}, the map is of {floor.site}",
+            f"{name} was walked at {site}, the map is of {floor.site}",
             "give the map of that site",
         )
 
@@ -322,12 +368,27 @@ def _by_both(
     return np.asarray(rho_p * near / (near.sum() or 1.0) + rho_m * field / field.sum())
 
 
+def brighter(weights: FloatArray, rng: Generator, t: Tuning) -> FloatArray:
+    """Whom each particle sees: rows (n,).
+
+    Particles heavier than the mean, drawn by how much: a resampling of the residuals. Were it the
+    heaviest alone, nearly all would meet in one place, and what the others knew would be lost.
+    """
+    n = len(weights)
+    if t.brightest:
+        return np.full(n, np.argmax(weights))
+    above = np.maximum(weights - 1.0 / n, 0.0)
+    return rng.permutation(_systematic(above / above.sum(), n, rng))
+
+
 def _fly(cloud: _Cloud, step: _Step, rng: Generator, t: Tuning) -> None:
     p, n = cloud.particles, len(cloud.weights)
     if _few(cloud, t):
+        to = brighter(cloud.weights, rng, t)
         attraction = t.attraction * np.exp(-n * cloud.weights)
-        best = p[np.argmax(cloud.weights)].copy()
-        p += attraction[:, np.newaxis] * (best - p)
+        # None flies to a dimmer one.
+        attraction[cloud.weights[to] <= cloud.weights] = 0.0
+        p += attraction[:, np.newaxis] * (p[to] - p)
         p[:, :3] += (rng.random((n, 3)) - 0.5) * (t.jitter_m, t.jitter_m, t.jitter_turn)
         cloud.weights = np.full(n, 1.0 / n)
         cloud.renewed += 1
@@ -353,8 +414,8 @@ def _partial(cloud: _Cloud, step: _Step, rng: Generator, t: Tuning) -> None:
         return
     off = p[:, :2] - centre(p[:, :2])
     away = np.sqrt((off * off).sum(axis=1))
-    farthest = away.max()
-    inner, outer = away < t.near * farthest, away > t.far * farthest
+    unit = away.max() if t.by_cloud else step.length
+    inner, outer = away < t.near * unit, away > t.far * unit
     both = np.flatnonzero(inner | outer)
     if not len(both):
         return

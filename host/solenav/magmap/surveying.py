@@ -188,12 +188,42 @@ def build(
         {
             "points": len(points),
             "variograms": [
-                {"component": v.component, "sill": v.sill, "range_m": v.range_m, "nugget": v.nugget}
+                {
+                    "component": v.component,
+                    "sill": v.sill,
+                    "range_m": v.range_m,
+                    "nugget": v.nugget,
+                    "lags_m": v.lags.tolist(),
+                    "semivariance": v.semivariance.tolist(),
+                }
                 for v in variograms
             ],
         },
     )
     return made, variograms
+
+
+def variograms_of(made: MagneticMap) -> list[Variogram]:
+    """What the map was kriged by; nothing where it was not kriged. SolenavError where damaged."""
+    try:
+        found = [
+            Variogram(
+                str(one["component"]),
+                np.array(one["lags_m"], np.float64),
+                np.array(one["semivariance"], np.float64),
+                float(one["sill"]),
+                float(one["range_m"]),
+                float(one["nugget"]),
+            )
+            for one in made.notes.get("variograms", [])
+        ]
+        if any(v.lags.ndim != 1 or v.lags.shape != v.semivariance.shape for v in found):
+            raise ValueError
+    except (KeyError, TypeError, ValueError):
+        raise SolenavError(
+            "the map's variograms are damaged", "build it again: `solenav magmap build`"
+        ) from None
+    return found
 
 
 def _variogram(component: str, kriging: Any) -> Variogram:

@@ -7,6 +7,7 @@ walk = pdr.reckon(trace)            # a StepTrack: what a foot's STEP messages a
 from __future__ import annotations
 
 from solenav.pdr.attitude import Levelled, level
+from solenav.pdr.bridging import Hole, holes, joined
 from solenav.pdr.length import GENERIC, LengthModel
 from solenav.pdr.reckoning import adapted, reckon
 from solenav.pdr.steps import Steps, detect
@@ -14,12 +15,15 @@ from solenav.pdr.track import StepTrack, of_capture
 
 __all__ = [
     "GENERIC",
+    "Hole",
     "LengthModel",
     "Levelled",
     "StepTrack",
     "Steps",
     "adapted",
     "detect",
+    "holes",
+    "joined",
     "level",
     "of_capture",
     "reckon",

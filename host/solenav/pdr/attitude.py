@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solenav.datasets import checks
 from solenav.recording import FloatArray, Recording
 
 LEVEL_S = 5.0
@@ -35,8 +36,18 @@ class Levelled:
 
 
 def level(recording: Recording) -> Levelled:
-    """The samples of a carried phone in level axes that turn with it."""
+    """The samples of a carried phone in level axes that turn with it.
+
+    SolenavError, with the time, for samples that are not finite, times that don't increase, and
+    gaps of more than 0.1 s: turns in them would be missing.
+    """
     n = len(recording.time_s)
+    checks.check_samples(
+        recording.time_s,
+        recording.accel,
+        recording.gyro,
+        lambda i: f"{recording.name}, {recording.time_s[min(i, n - 1)] if n else 0.0:.2f} s",
+    )
     rows = np.empty((n, 3, 3))
     start = recording.time_s < START_S
     up = recording.accel[start].mean(axis=0)

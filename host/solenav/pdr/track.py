@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,7 +10,8 @@ from solenav.capture.contents import Capture
 from solenav.errors import SolenavError
 from solenav.recording import FloatArray
 
-WAIST, FOOT = "waist", "foot"
+WAIST, FOOT, JOINED = "waist", "foot", "foot and waist"
+SOURCES = (WAIST, FOOT, JOINED)
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,7 @@ class StepTrack:
 
     `time_s` (n,) when each ended; `displacement` (n, 3) m, ENU or the map's axes, since the step
     before; `heading` (n,) rad counterclockwise from East; `covariance` (n, 3, 3) m² of each
-    displacement; `start` (3,) m where the first began, at `start_s`. `source` is WAIST or FOOT.
+    displacement; `start` (3,) m where the first began, at `start_s`. `source` is one of SOURCES.
     """
 
     name: str
@@ -33,6 +34,10 @@ class StepTrack:
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+    def after(self, seconds: float) -> StepTrack:
+        """The same walk on a clock that began so many seconds earlier."""
+        return replace(self, time_s=self.time_s + seconds, start_s=self.start_s + seconds)
 
     @property
     def position(self) -> FloatArray:

@@ -64,7 +64,7 @@ class Style:
 
 BRISK = Style(1.2, 1.05, 0.61, 0.14, math.radians(58), math.radians(24), 40.0)
 SLOW = Style(0.8, 1.8, 0.44, 0.12, math.radians(50), math.radians(20), 28.0)
-FAST = Style(1.6, 0.92, 0.66, 0.16, math.radians(62), math.radians(28), 60.0)
+HURRIED = Style(1.6, 0.92, 0.66, 0.16, math.radians(62), math.radians(28), 60.0)
 RUN = Style(
     2.1, 0.72, 0.86, 0.26, math.radians(80), math.radians(16), 110.0, variation=0.05, mode="run"
 )
@@ -78,6 +78,7 @@ DOWNSTAIRS = Style(
     mode="downstairs",
 )  # fmt: skip
 """Strides, times and risers of the stairs are those of gaitmap's recordings of one flight."""
+FAST = Style(1.5, 0.88, 0.64, 0.16, math.radians(62), math.radians(26), 55.0)
 
 
 @dataclass(frozen=True)
@@ -440,6 +441,18 @@ def loop(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
     return walk(path, BRISK, rng, 15.0, 85.0 if duration_s is None else duration_s)
 
 
+def corridor(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
+    """Once around a corridor of 38 m by 60 m (193 m), back to the start, after a minute's rest."""
+    path = rounded_rectangle(60.0, 38.0, 2.0, yaw=math.radians(-40))
+    return walk(path, BRISK, rng, 60.0, 240.0 if duration_s is None else duration_s)
+
+
+def corridor_fast(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
+    """The same corridor at 1.7 m/s, where `corridor` is walked at 1.1 m/s."""
+    path = rounded_rectangle(60.0, 38.0, 2.0, yaw=math.radians(-40))
+    return walk(path, FAST, rng, 60.0, 185.0 if duration_s is None else duration_s)
+
+
 def stand(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
     """The foot stands still, pointing North."""
     duration = 60.0 if duration_s is None else duration_s
@@ -485,7 +498,7 @@ def stairs(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
 
 def modes(rng: np.random.Generator, duration_s: float | None = None) -> Gait:
     """Walking at three paces, running, two flights up, two flights down, rests between."""
-    slow, brisk, fast, running = (person(style, rng) for style in (SLOW, BRISK, FAST, RUN))
+    slow, brisk, fast, running = (person(style, rng) for style in (SLOW, BRISK, HURRIED, RUN))
     up, down = (_flights(person(style, rng), brisk) for style in (UPSTAIRS, DOWNSTAIRS))
     half_round = (*_TURN, (12.0, 0.0))
     legs = (
@@ -522,6 +535,8 @@ SCENARIOS: dict[str, Callable[[np.random.Generator, float | None], Gait]] = {
     "line35": line35,
     "loop": loop,
     "laps": laps,
+    "corridor": corridor,
+    "corridor-fast": corridor_fast,
     "stand": stand,
     "run": run,
     "stairs": stairs,

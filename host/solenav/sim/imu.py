@@ -25,6 +25,8 @@ class SensorErrors:
     `*_bias` (m/s², rad/s) and `*_scale` (relative) are standard deviations of a constant over
     the recording. `*_noise` (m/s²/√Hz, rad/s/√Hz) are one-sided noise densities as in data
     sheets. `*_walk` (m/s²/√s, rad/s/√s) let the bias wander, which stands for its instability.
+    `*_coloured` (m/s², rad/s) are standard deviations of noise that repeats itself: white noise
+    through two lags of the time constants `lags_s`, which is AR(2) at any rate.
 
     Of the magnetometer, `hard_iron` (µT) is the standard deviation of a constant in the sensor's
     axes, `soft_iron` that of each element by which the matrix on the field differs from the
@@ -40,6 +42,9 @@ class SensorErrors:
     gyro_walk: float = 0.0
     accel_scale: float = 0.0
     gyro_scale: float = 0.0
+    accel_coloured: float = 0.0
+    gyro_coloured: float = 0.0
+    lags_s: tuple[float, float] = (0.2, 0.02)
     hard_iron: float = 0.0
     soft_iron: float = 0.0
     mag_noise: float = 0.0
@@ -89,6 +94,25 @@ def with_errors(
         _measured(accel, rate_hz, e.accel_bias, e.accel_scale, e.accel_noise, e.accel_walk, rng),
         _measured(gyro, rate_hz, e.gyro_bias, e.gyro_scale, e.gyro_noise, e.gyro_walk, rng),
     )
+
+
+def coloured_noise(
+    samples: int, rate_hz: float, errors: SensorErrors, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """The coloured part of accelerometer and gyro, (samples, 3) each, from its stationary state."""
+    sizes = np.repeat([errors.accel_coloured, errors.gyro_coloured], 3)
+    if not sizes.any():
+        return np.zeros((samples, 3)), np.zeros((samples, 3))
+    one, other = np.exp(-1 / (rate_hz * np.array(errors.lags_s)))
+    phi1, phi2 = one + other, -one * other
+    # The variance of AR(2) whose new part has 1 (Box, Jenkins 1970, section 3.2).
+    variance = (1 - phi2) / ((1 + phi2) * ((1 - phi2) ** 2 - phi1**2))
+    settled = int(10 * max(errors.lags_s) * rate_hz) + 2
+    noise = rng.standard_normal((settled + samples, 6)) / np.sqrt(variance)
+    for n in range(2, len(noise)):
+        noise[n] += phi1 * noise[n - 1] + phi2 * noise[n - 2]
+    noise = sizes * noise[settled:]
+    return noise[:, :3], noise[:, 3:]
 
 
 def measured_field(

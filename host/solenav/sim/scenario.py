@@ -9,7 +9,14 @@ from solenav.recording import Recording, Truth
 from solenav.sim.field import NO_STEEL, Earth, field_at
 from solenav.sim.field import indoors as steel_along
 from solenav.sim.gait import SCENARIOS, motion
-from solenav.sim.imu import TABLE1, SensorErrors, ideal_samples, measured_field, with_errors
+from solenav.sim.imu import (
+    TABLE1,
+    SensorErrors,
+    coloured_noise,
+    ideal_samples,
+    measured_field,
+    with_errors,
+)
 
 MIN_RATE_HZ = 50.0
 MAX_RATE_HZ = 1000.0
@@ -37,22 +44,23 @@ def simulate(
     """
     _check(scenario, rate_hz, seed)
     earth = earth or Earth()
-    gait_rng, sensor_rng, mag_rng, steel_rng = (
-        np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)
+    gait_rng, sensor_rng, mag_rng, steel_rng, colour_rng = (
+        np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(5)
     )
     gait = SCENARIOS[scenario](gait_rng, duration_s)
 
     count = int(np.ceil(gait.duration_s * rate_hz - 1e-6))
     states = motion(gait, np.arange(count + 1) / rate_hz)
     accel, gyro = with_errors(*ideal_samples(states, rate_hz), rate_hz, errors, sensor_rng)
+    accel_colour, gyro_colour = coloured_noise(count, rate_hz, errors, colour_rng)
     steel = steel_along(gait.foot, earth, steel_rng) if indoors else NO_STEEL
     field = field_at(states.position_enu[1:], earth, steel)
     time = np.arange(count) / rate_hz
     return Recording(
         name=f"{scenario}-{seed}",
         time_s=time,
-        accel=accel,
-        gyro=gyro,
+        accel=accel + accel_colour,
+        gyro=gyro + gyro_colour,
         rate_hz=float(rate_hz),
         truth=Truth(
             time_s=time.copy(),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,7 +11,7 @@ import typer
 
 from solenav import calibration as calibrations
 from solenav import capture
-from solenav.calibration import Calibration, accelerometer, guide, gyro, magnetometer
+from solenav.calibration import Calibration, accelerometer, finding, guide, gyro, magnetometer
 from solenav.calibration.still import EDGES, FACES, from_capture
 from solenav.capture.sidecar import sidecar_path
 from solenav.errors import SolenavError
@@ -65,8 +64,7 @@ def calibrate_accelerometer(
         warn(f"refused: {pose}")
     if not found.skew:
         tell("the rests don't tell the axes' angles: taken as right (more attitudes would)")
-    report = found.report()
-    _finish("accelerometer", before, output, source, found.matrix, found.bias, report, as_json)
+    _finish("accelerometer", found, before, output, source, as_json)
 
 
 @app.command("gyro")
@@ -83,7 +81,7 @@ def calibrate_gyro(
     found = gyro.calibrate(recording, before)
     if found.why:
         tell(f"scale and axes stay as they are: {found.why}")
-    _finish("gyro", before, output, source, found.matrix, found.bias, found.report(), as_json)
+    _finish("gyro", found, before, output, source, as_json)
 
 
 @app.command("magnetometer")
@@ -98,8 +96,7 @@ def calibrate_magnetometer(
     before = _prepared(source, output)
     recording = _guided_or_loaded(source, baud, guide.Tumble(), record)
     found = magnetometer.calibrate(recording, before)
-    report = found.report()
-    _finish("magnetometer", before, output, source, found.matrix, found.bias, report, as_json)
+    _finish("magnetometer", found, before, output, source, as_json)
 
 
 app.command("allan")(calibrate_allan)
@@ -199,24 +196,21 @@ def _loaded(source: str) -> Recording:
 
 def _finish(
     sensor: str,
+    found: finding.Found,
     before: Calibration,
     output: Path,
     source: str,
-    matrix: Any,
-    bias: Any,
-    report: dict[str, Any],
     as_json: bool,
 ) -> None:
     """Merge what was found into the file, and say what it is."""
     name = source if _is_port(source) else Path(source).name
-    made_from = {"source": name, "made": time.strftime("%Y-%m-%d"), **report}
-    merged = before.merged(sensor, matrix, bias, made_from)
+    merged = finding.kept(sensor, found, before, name)
     calibrations.save(output, merged)
     if as_json:
         say_json({"calibration": str(output), "sensor": sensor, **merged.as_dict()[sensor]})
         return
     say(f"{output}: {sensor} calibrated from {name}")
-    for key, value in report.items():
+    for key, value in found.report().items():
         say(f"  {key}: {value}")
 
 

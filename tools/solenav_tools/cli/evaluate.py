@@ -8,14 +8,15 @@ from typing import Annotated
 import typer
 
 from solenav import capture, evaluation
-from solenav_tools.cli.output import CaptureFile, Json, say, say_json, warn
+from solenav.pdr import step_table
+from solenav_tools.cli.output import Json, WalkFile, say, say_json, warn
 
 Align = Enum("Align", {name: name for name in evaluation.ALIGNMENTS}, type=str)  # type: ignore[misc]
 _AUTO = Align("auto")
 
 
 def evaluate(
-    file: CaptureFile,
+    file: WalkFile,
     align: Annotated[
         Align, typer.Option(help="How the truth is laid on; auto: not at all where it is ENU.")
     ] = _AUTO,
@@ -23,7 +24,14 @@ def evaluate(
     as_json: Json = False,
 ) -> None:
     """Distance, closure, and errors against the truth where it is known."""
-    result = evaluation.evaluate(capture.load(file), align=align.value, require_truth=require_truth)
+    if file.suffix.lower() == step_table.SUFFIX:
+        walk, truth = step_table.read(file)
+        result = evaluation.evaluate_steps(
+            walk, truth, align=align.value, require_truth=require_truth
+        )
+    else:
+        run = capture.load(file)
+        result = evaluation.evaluate(run, align=align.value, require_truth=require_truth)
     if result.left_out:
         warn(f"{result.left_out} poses leap away from those around them and were left out")
     if as_json:

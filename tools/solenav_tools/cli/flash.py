@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import sys
-import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from serial.tools import list_ports
 
 from solenav.errors import SolenavError
+from solenav_tools import settings
 from solenav_tools.cli.arguments import Baud
-from solenav_tools.cli.output import Json, progress, say, say_json, tell
-from solenav_tools.flash import board_config, boards, hello, tree
-from solenav_tools.flash.repl import SerialRepl
-from solenav_tools.ports import PortVanished, open_port
-from solenav_tools.staging import board_tree, build_hash, switch
+from solenav_tools.cli.output import Json, progress, say, say_json, tell, warn
+from solenav_tools.flash import board_config, boards
+from solenav_tools.flash.flashing import Flashed
+from solenav_tools.flash.flashing import flash as put
 
 
 def flash(
@@ -53,90 +52,47 @@ def flash(
     if board is not None and board not in boards.BOARDS:
         raise SolenavError(f"there is no board {board}", f"choose {', '.join(boards.BOARDS)}")
     given = _given(config)
-    board_config.merged(
-        {}, given, param or [], board or "rp2_pico"
-    )  # before the board is disturbed
-    chosen = port or _only_port()
-    began = time.monotonic()
-    switched = False
-    repl = SerialRepl(chosen)
-    try:
-        try:
-            found = boards.identify(repl)
-            tell(f"{chosen}: {found.machine}, MicroPython {found.version}, {found.architecture}")
-            tree.prepare(repl)
-            present = tree.look(repl)
-            there = boards.parse_config(present.config or "{}", "the board's config.json")
-            name = boards.choose(found, board, there)
-            wanted = board_config.merged(there, given, param or [], name)
-            files = board_tree(found.architecture)
-            todo = tree.plan(present, files, switch(), wanted)
-            if not dry_run:
-                with progress("flashing", todo.bytes) as show:
-                    tree.apply(repl, todo, show)
-                switched = True
-                tree.clean(repl, todo, files)
-        except SolenavError:
-            repl.reset()
-            raise
-        result: dict[str, Any] = {
-            "port": chosen,
-            "machine": found.machine,
-            "micropython": found.version,
-            "architecture": found.architecture,
-            "board": name,
-            "build": f"{build_hash():08x}",
-            "tree": todo.target,
-            "sent": {path: len(data) for path, data in todo.send.items()},
-            "copied": len(todo.copy),
-            "kept": todo.kept,
-            "config": todo.config is not None,
-            "bytes": todo.bytes,
-            "dry_run": dry_run,
-        }
-        if link is not None and not dry_run:
-            if link == chosen:
-                repl.reset()
-                repl.close()
-            with open_port(link, baud) as opened:
-                if link != chosen:
-                    repl.reset()
-                result["hello"] = hello.awaited(opened, link, build_hash())
-        else:
-            repl.reset()
-    except (PortVanished, KeyboardInterrupt) as error:
-        what = f"{chosen} vanished" if isinstance(error, PortVanished) else "stopped"
-        state = "the new firmware is in place" if switched else "the board boots what is whole"
-        raise SolenavError(
-            f"{what}: {state}, it restarts by itself within 9 s, or when switched off and on",
-            "the same command goes on from there; what has arrived is not sent again",
-            1,
-        ) from None
-    finally:
-        repl.close()
-    result["seconds"] = round(time.monotonic() - began, 3)
+    single = board_config.parsed(param or [])
+    own = settings.load()
+    words = board_config.in_words(own, given, single)
+    if words:
+        tell(f"{own.path}: parameters {', '.join(words)}")
+    result = put(
+        port or _only_port(),
+        board=board,
+        config=board_config.over(given, words),
+        params=single,
+        link=link,
+        baud=baud,
+        dry_run=dry_run,
+        tell=tell,
+        progress=progress,
+    )
+    if result.kept_main:
+        warn(f"the main.py that was on the board is kept there as {result.kept_main}")
     if as_json:
-        say_json(result)
+        say_json(result.as_dict())
     else:
-        _say(result, todo.nothing)
+        _say(result)
 
 
-def _say(result: dict[str, Any], nothing: bool) -> None:
-    would = "would be " if result["dry_run"] else ""
-    for path, size in result["sent"].items() if result["dry_run"] else ():
+def _say(result: Flashed) -> None:
+    would = "would be " if result.dry_run else ""
+    for path, size in result.sent.items() if result.dry_run else ():
         say(f"{size:7d}  {path}")
-    if nothing:
-        say(f"nothing to do: {result['kept']} files are as they should be")
+    if result.nothing:
+        say(f"nothing to do: {result.kept} files are as they should be")
     else:
         say(
-            f"{len(result['sent'])} files {would}sent, {result['copied']} copied on the board, "
-            f"{result['kept']} kept; {result['bytes']} bytes"
-            + (f"; config.json {would}written" if result["config"] else "")
+            f"{len(result.sent)} files {would}sent, {result.copied} copied on the board, "
+            f"{result.kept} kept; {result.bytes} bytes"
+            + (f"; config.json {would}written" if result.config else "")
         )
-    say(f"build {result['build']}, board {result['board']}")
-    if "hello" in result:
-        say(f"HELLO: {result['hello']['text']}; self-test passed")
-    elif not result["dry_run"]:
+    say(f"build {result.build}, board {result.board}")
+    if result.hello is not None:
+        text = result.hello["text"].decode("utf-8", "replace")
+        say(f"HELLO: {text}; self-test passed")
+    elif not result.dry_run:
         say("HELLO was not awaited: solenav monitor PORT on the UART adapter, or --link PORT here")
 
 
@@ -157,6 +113,11 @@ def _given(config: Path | None) -> dict[str, object]:
         raise SolenavError(f"can't read {config}: {error.strerror}", "check its name") from None
 
 
+def _asks() -> bool:
+    """Whether somebody is there to answer."""
+    return sys.stdin.isatty()
+
+
 def _only_port() -> str:
     """The one USB serial port, or the one that a person picks."""
     ports = [p for p in list_ports.comports() if p.vid is not None]
@@ -165,7 +126,7 @@ def _only_port() -> str:
     if len(ports) == 1:
         return str(ports[0].device)
     names = [str(p.device) for p in ports]
-    if not sys.stdin.isatty():
+    if not _asks():
         raise SolenavError(f"several boards: {', '.join(names)}", "name one of them")
     for number, found in enumerate(ports, 1):
         tell(f"{number}  {found.device}  {found.description}")

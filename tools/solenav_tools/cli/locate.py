@@ -12,9 +12,9 @@ import typer
 
 from solenav import magmap as maps
 from solenav.errors import SolenavError
+from solenav.pdr.step_table import table
 from solenav_tools.cli import traces
 from solenav_tools.cli.output import Json, say, say_json, write_text
-from solenav_tools.cli.pdr import table
 
 Filter = Enum("Filter", {name: name for name in maps.FILTERS}, type=str)  # type: ignore[misc]
 _FIREFLY = Filter("firefly")

@@ -17,6 +17,12 @@ from solenav.errors import SolenavError
 
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 CaptureFile = Annotated[Path, typer.Argument(help="A capture (.solcap).", metavar="CAPTURE")]
+WalkFile = Annotated[
+    Path,
+    typer.Argument(
+        help="A capture (.solcap), or steps as solenav pdr writes them (.csv).", metavar="WALK"
+    ),
+]
 
 _errors = Console(stderr=True, soft_wrap=True, highlight=False)
 _quiet = False

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import math
+from dataclasses import replace
 from enum import Enum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from solenav import evaluation
+from solenav import capture, evaluation
 from solenav import pdr as reckoning
+from solenav.pdr import step_table
 from solenav.pdr.reckoning import HEADINGS
-from solenav.pdr.track import StepTrack
 from solenav_tools.cli import traces
-from solenav_tools.cli.output import Json, say, say_json, write_text
+from solenav_tools.cli.output import Json, say, say_json
 
 Heading = Enum("Heading", {name: name for name in HEADINGS}, type=str)  # type: ignore[misc]
 _GYRO = Heading("gyro")
@@ -26,24 +26,41 @@ def pdr(
     way_points: traces.WayPoints = None,
     heading: Annotated[Heading, typer.Option(help="Where the direction comes from.")] = _GYRO,
     adapt: Annotated[bool, typer.Option(help="Fit the step length to the way points.")] = False,
+    foot: Annotated[
+        Path | None,
+        typer.Option(help="Capture of the foot on the same walk: the phone bridges its holes."),
+    ] = None,
+    later: Annotated[
+        float, typer.Option(help="With --foot: seconds that the trace began after the capture.")
+    ] = 0.0,
     output: traces.Steps = None,
     plot: traces.Picture = None,
     as_json: Json = False,
 ) -> None:
-    """Steps, distance and track of a phone carried in the hand, pointing ahead."""
+    """Steps, distance and track of a phone carried in the hand, pointing ahead.
+
+    `solenav evaluate` and `solenav plot` take the table that --output writes.
+    """
     traces.check_outputs(output, plot)
     recording = traces.read(trace, format, way_points)
     model = reckoning.GENERIC
     if adapt and recording.truth is not None:
         model, _ = reckoning.adapted(recording, recording.truth)
     walk = reckoning.reckon(recording, heading=heading.value, model=model)
-    result = evaluation.evaluate_steps(walk, recording.truth, align="yaw")
+    truth = recording.truth
+    if foot is not None:
+        run = capture.load(foot)
+        walk = reckoning.joined(reckoning.of_capture(run), walk.after(later), reckoning.holes(run))
+    if truth is not None:
+        # The way points' axes are the map's, the walk's begin where the phone pointed.
+        truth = replace(truth, frame="local", time_s=truth.time_s + later)
+    result = evaluation.evaluate_steps(walk, truth)
     if output is not None:
-        write_text(output, table(walk))
+        step_table.write(output, walk, truth)
     if plot is not None:
         from solenav import plotting
 
-        plotting.plot_steps(walk, plot)
+        plotting.plot_steps(walk, plot, truth=truth)
     if as_json:
         say_json(result.as_dict() | {"coefficients": model.coefficients.tolist()})
         return
@@ -51,18 +68,3 @@ def pdr(
     if result.truth is not None:
         error = result.truth.position_rmse_m.horizontal
         say(f"RMSE {error:.2f} m at {result.truth.alignment.points} way points, turned to fit")
-
-
-def table(walk: StepTrack) -> str:
-    """A line a step: when and where it ended, its length, heading and deviations."""
-    lines = ["time_s,x_m,y_m,length_m,heading_deg,deviation_x_m,deviation_y_m"]
-    for k in range(len(walk)):
-        x, y = walk.position[k + 1, :2]
-        length = math.hypot(*walk.displacement[k, :2])
-        cov = walk.covariance[k]
-        lines.append(
-            f"{walk.time_s[k]:.3f},{x:.3f},{y:.3f},{length:.3f},"
-            f"{math.degrees(walk.heading[k]) % 360:.1f},{cov[0, 0] ** 0.5:.3f},"
-            f"{cov[1, 1] ** 0.5:.3f}"
-        )
-    return "\n".join(lines) + "\n"

@@ -8,16 +8,24 @@ from typing import Annotated
 import typer
 
 from solenav import capture
-from solenav_tools.cli.output import CaptureFile, check_output, say
+from solenav.pdr import step_table
+from solenav_tools.cli.output import WalkFile, check_output, say
 
 
 def plot(
-    file: CaptureFile,
+    file: WalkFile,
     output: Annotated[Path, typer.Option("-o", "--output", help="PNG to write.")],
 ) -> None:
-    """Draw trajectory (with truth where known), velocity, detector, threshold and N_eff."""
+    """Draw trajectory (with truth where known), velocity, detector, threshold and N_eff.
+
+    Of steps: the trajectory, and how long each was.
+    """
     from solenav import plotting
 
     check_output(output, ".png")
-    plotting.plot(capture.load(file), output)
+    if file.suffix.lower() == step_table.SUFFIX:
+        walk, truth = step_table.read(file)
+        plotting.plot_steps(walk, output, truth=truth)
+    else:
+        plotting.plot(capture.load(file), output)
     say(str(output))

@@ -104,3 +104,59 @@ def fl_remove(path):
 def fl_free():
     found = os.statvfs(os.getcwd())
     return found[0] * found[3]
+
+
+# Lines in boot.py: on FAT there is no main.py between the two halves of a renaming.
+fl_GUARD = (
+    b"\nimport os  # solenav flash: completes what was cut off\n"
+    b"if 'main.py' not in os.listdir() and 'main.py.new' in os.listdir():\n"
+    b"    os.rename('main.py.new', 'main.py')\n"
+)
+
+
+def fl_read(path):
+    try:
+        with open(path, "rb") as file:
+            return file.read()
+    except OSError:
+        return b""
+
+
+def fl_boot(text):
+    with open("boot.py.new", "wb") as file:
+        file.write(text)
+    os.rename("boot.py.new", "boot.py")
+
+
+def fl_guard():
+    fl_unguard()
+    fl_boot(fl_read("boot.py") + fl_GUARD)
+
+
+def fl_unguard():
+    fl_feed()
+    if fl_exists("boot.py.new"):
+        # Cut off here earlier: whole where boot.py isn't there, but for a torn first one.
+        if fl_exists("boot.py") or fl_GUARD.startswith(fl_read("boot.py.new")):
+            os.remove("boot.py.new")
+        else:
+            os.rename("boot.py.new", "boot.py")
+    text = fl_read("boot.py")
+    if text.endswith(fl_GUARD):
+        text = text[: -len(fl_GUARD)]
+        if text:
+            fl_boot(text)
+        else:
+            os.remove("boot.py")
+
+
+def fl_keep(path):
+    # Under a name of its own, unless it is there already.
+    number = 1
+    while True:
+        kept = "%s.old%d" % (path, number)
+        if not fl_exists(kept):
+            fl_copy(path, kept)
+        if fl_digest(kept) == fl_digest(path):
+            return kept
+        number += 1

@@ -3,9 +3,10 @@
 `a/` and `b/` are trees of firmware, the file `active` names the one that boots
 (firmware/switch.py). A new one is written into the other folder, each file read back by its
 SHA-256, and becomes the active one by the renaming of `active.new`. On a board flashed by hand,
-whose files are at the root, the renaming of `main.py.new` is the switch. What is the user's or
-the run's (config.json, log, state*.bin) is not touched, but that a changed config.json travels
-in the new tree, so that the old one never meets the new one's settings.
+whose files are at the root, the renaming of `main.py.new` is the switch; FAT takes the old name
+away first, so for that moment a line in boot.py completes what was cut off. What is the user's or
+the run's (config.json, log, state*.bin, a main.py that isn't ours) is not lost, and a changed
+config.json travels in the new tree, so that the old one never meets the new one's settings.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ class Present:
     config: str | None
     config_at: str
     free: int
+    by_hand: bool = False  # our files are at the root
 
 
 @dataclass
@@ -52,6 +54,8 @@ class Plan:
     remove: list[str] = field(default_factory=list)
     kept: int = 0
     main: bytes | None = None
+    over_main: bool = False  # there is one that it replaces
+    foreign_main: bool = False  # and that is none of ours
     config: bytes | None = None
     config_at: str = "config.json"
 
@@ -92,7 +96,8 @@ def look(repl: Repl) -> Present:
         config_at = f"{active}/config.json"
     if config_at in files or "'config.json'" in names:
         config = repl.run(f"with open({config_at!r}) as f: print(f.read(), end='')")
-    return Present(files, active, config, config_at, int(repl.run("print(fl_free())")))
+    free = int(repl.run("print(fl_free())"))
+    return Present(files, active, config, config_at, free, "'solenav_core'" in names)
 
 
 def plan(
@@ -107,14 +112,23 @@ def plan(
     old = json.loads(present.config) if present.config else None
     changed = json.dumps(config, indent=1).encode() if config != old else None
     main = None if here.get("main.py") == digest(switch) else switch
+    over_main = main is not None and "main.py" in here
+    foreign = over_main and active is None and not present.by_hand
     wanted = {name: digest(data) for name, data in tree.items()}
     if active and all(here.get(f"{active}/{name}") == sha for name, sha in wanted.items()):
-        return Plan(active, kept=len(tree), main=main, config=changed, config_at=present.config_at)
+        return Plan(
+            active,
+            kept=len(tree),
+            main=main,
+            over_main=over_main,
+            config=changed,
+            config_at=present.config_at,
+        )
     if present.config_at != "config.json":
         # It waits in the tree that goes, and no boot has put it in its place yet.
         changed = json.dumps(config, indent=1).encode()
     target = TREES[1] if active == TREES[0] else TREES[0]
-    out = Plan(target, True, main=main, config=changed)
+    out = Plan(target, True, main=main, over_main=over_main, foreign_main=foreign, config=changed)
     source = {sha: path for path, sha in here.items() if active and path.startswith(active + "/")}
     for name, data in tree.items():
         path = f"{target}/{name}"
@@ -139,9 +153,10 @@ def plan(
     return out
 
 
-def apply(repl: Repl, todo: Plan, progress: Callable[[int], None]) -> None:
+def apply(repl: Repl, todo: Plan, progress: Callable[[int], None]) -> str | None:
     """Carry it out; at any moment the board boots the old or the new. `progress`: bytes sent.
 
+    Returns the name under which a main.py of somebody else is kept, None where there was none.
     SolenavError where a file isn't on the board as it was sent, twice; PortVanished.
     """
     sent = 0
@@ -178,7 +193,12 @@ def apply(repl: Repl, todo: Plan, progress: Callable[[int], None]) -> None:
         # In a tree that isn't active yet it is nobody's; else renaming it is the switch.
         target = f"{todo.target}/config.json" if todo.switch else "config.json.new"
         send(target, todo.config)
+    kept = None
     if todo.main is not None:
+        if todo.foreign_main:
+            kept = repl.run("print(fl_keep('main.py'))").strip()
+        if todo.over_main:
+            repl.run("fl_guard()")
         send("main.py.new", todo.main)
     if todo.switch:
         send("active.new", todo.target.encode())
@@ -187,11 +207,13 @@ def apply(repl: Repl, todo: Plan, progress: Callable[[int], None]) -> None:
         _rename(repl, "config.json.new", todo.config_at)
     if todo.main is not None:
         _rename(repl, "main.py.new", "main.py")
+    return kept
 
 
 def clean(repl: Repl, todo: Plan, tree: Mapping[str, bytes]) -> None:
     """Remove what nothing boots any more: the other tree, and files once copied to the root."""
     other = TREES[1] if todo.target == TREES[0] else TREES[0]
+    repl.run("fl_unguard()")
     repl.run(f"fl_remove({other!r})")
     if repl.run("print(fl_exists('solenav_core'))").strip() != "True":
         return

@@ -7,30 +7,18 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from solenav.link import Damage, Frame, unpack
-from solenav.link.units import POSE_FLAGS
+from solenav.link import Damage, Frame, missing, unpack
+from solenav.link.units import POSE_FLAGS, complaints, mode_text
 from solenav.mpu9150 import celsius
 from solenav_core import layout, messages
 
-_MODES = (
-    "idle",
-    "aligning: stand still",
-    "navigating",
-    "sensor fault",
-    "resuming: stand still",
-)
 STALE_S = 1.0
 RECENT = 6400
 """Poses that are kept as they came."""
 WAY = 4096
 """Points of the whole way that are kept; when they are more, every other one goes."""
 _LOGS = 50
-_WARNINGS = {
-    messages.FROZEN: "no stance for long: drifting",
-    messages.SATURATED: "velocity has been at its limit: do not trust",
-    messages.GAP: "samples were lost: may be off by metres",
-    messages.RESUMED: "gone on after a hole: what was walked meanwhile is missing",
-}
+_STAND_STILL = (messages.ALIGNING, messages.RESUMING)
 
 
 class Point(NamedTuple):
@@ -79,8 +67,7 @@ class Live:
             self.damaged += 1
             return
         self.frames += 1
-        if self._seq >= 0 and item.kind != messages.HELLO:
-            self.lost += (item.seq - self._seq - 1) % 256
+        self.lost += missing(self._seq, item)
         self._seq = item.seq
         if item.tick < self.tick and item.kind == messages.POSE:
             self._begin()
@@ -132,23 +119,21 @@ class Live:
             bool(pose["flags"] & messages.IN_STANCE),
             pose["n_eff"] / 256,
             pose["threshold"] / 2**14,
-            any(pose["flags"] & flag for flag in _WARNINGS),
+            bool(complaints(pose["flags"])),
         )
 
     @property
     def mode(self) -> str:
         """What the board does, in words."""
-        return _MODES[min(self.status["mode"], len(_MODES) - 1)] if self.status else "?"
+        if not self.status:
+            return "?"
+        mode = self.status["mode"]
+        return mode_text(mode) + (": stand still" if mode in _STAND_STILL else "")
 
     @property
     def warnings(self) -> list[str]:
         """Why the last pose can't be trusted, in words."""
-        flags = self.pose.get("flags", 0)
-        return [text for flag, text in _WARNINGS.items() if flags & flag]
-
-    def foreign(self) -> bool:
-        """True where the firmware speaks another schema."""
-        return bool(self.hello) and self.hello["schema"] != messages.SCHEMA
+        return complaints(self.pose.get("flags", 0))
 
     def stale(self, now: float) -> bool:
         return now - self.heard > STALE_S

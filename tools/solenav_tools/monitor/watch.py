@@ -13,8 +13,10 @@ import serial
 from solenav.capture import CaptureWriter
 from solenav.capture.sidecar import write_sidecar
 from solenav.errors import SolenavError
+from solenav.link.schema import need_schema
+from solenav_tools import settings
 from solenav_tools.monitor.live import Live
-from solenav_tools.monitor.wearers import Wearer
+from solenav_tools.monitor.wearers import Wearer, wearers
 from solenav_tools.ports import PortVanished, open_port, reopen
 from solenav_tools.recorder import join_in, stream
 
@@ -96,23 +98,30 @@ class Watch:
         for item in stream(port, self, self._over.is_set):
             with self.lock:
                 self.live.take(item, time.monotonic())
-                foreign = self.live.foreign()
-            if foreign:
-                schema = self.live.hello["schema"]
-                raise SolenavError(
-                    f"{self.wearer.name}: firmware and host differ (schema {schema:04x})",
-                    "install the host version that goes with the firmware, or flash it anew",
-                )
+                hello = self.live.hello
+            if hello:
+                need_schema(hello, self.wearer.name)
+
+
+@contextmanager
+def monitor(*ports: str, baud: int | None = None) -> Iterator[list[Watch]]:
+    """The boards at ports, or of names in solenav.toml, read in the background meanwhile.
+
+    Each `Watch` has the board's last word in `live` (`live.as_dict()`), to be read while holding
+    its `lock`. SolenavError where a port can't be opened.
+    """
+    with watching(wearers(ports, settings.load(), baud), lambda _wearer: None) as watches:
+        yield watches
 
 
 @contextmanager
 def watching(
-    wearers: list[Wearer], record_to: Callable[[Wearer], Path | None]
+    people: list[Wearer], record_to: Callable[[Wearer], Path | None]
 ) -> Iterator[list[Watch]]:
     """All of them, read from now on. SolenavError where one can't be opened."""
     watches: list[Watch] = []
     try:
-        for wearer in wearers:
+        for wearer in people:
             watches.append(Watch(wearer, record_to(wearer)))
             watches[-1].start()
         yield watches
