@@ -123,11 +123,11 @@ def test_an_engine_that_compiles_first_does_not_lose_the_board(
     create = engines.create
     began: list[str] = []
 
-    def compiling(name: str, params: Any) -> Any:
+    def compiling(name: str, params: Any, forest: Any) -> Any:
         if not began:
             began.append(name)
             time.sleep(6)  # the board waits for 5 s
-        return create(name, params)
+        return create(name, params, forest)
 
     monkeypatch.setattr(engines, "create", compiling)
     with open_port(board.port) as port:
