@@ -40,6 +40,9 @@ def flash(
         bool,
         typer.Option("--dry-run", help="Write nothing, say what would be; the board restarts."),
     ] = False,
+    patience: Annotated[
+        float, typer.Option(min=1.0, help="Wait so many times longer: for an emulated board.")
+    ] = 1.0,
     as_json: Json = False,
 ) -> None:
     """Put the firmware onto a board: only what changed, and whole or not at all.
@@ -65,6 +68,7 @@ def flash(
         link=link,
         baud=baud,
         dry_run=dry_run,
+        patience=patience,
         tell=tell,
         progress=progress,
     )

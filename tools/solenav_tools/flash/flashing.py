@@ -53,6 +53,7 @@ def flash(
     link: str | None = None,
     baud: int | None = None,
     dry_run: bool = False,
+    patience: float = 1.0,
     tell: Callable[[str], None] = lambda text: None,
     progress: Progress = unseen,
 ) -> Flashed:
@@ -60,6 +61,7 @@ def flash(
 
     `board`: its module in firmware/boards, default by its own name. `config` and `params` (core's
     integers by name) go over its config.json. `link`: where HELLO of the new firmware is awaited.
+    `patience`: all waits are so many times longer, for a board that is slower than a real one.
     SolenavError for a board that can't run it, settings past their limits, a port that vanishes,
     a HELLO that doesn't come or tells of a fault; the board then boots the old or the new.
     """
@@ -68,7 +70,7 @@ def flash(
     # Before the board is disturbed.
     board_config.merged({}, over, params or {}, board or next(iter(boards.BOARDS)))
     switched = False
-    repl = SerialRepl(port)
+    repl = SerialRepl(port, patience)
     try:
         try:
             found = boards.identify(repl)
@@ -109,9 +111,9 @@ def flash(
         if link is None or dry_run:
             repl.reset()
         else:
-            result.hello = _spoken(repl, port, link, baud)
+            result.hello = _spoken(repl, port, link, baud, patience)
     except (PortVanished, KeyboardInterrupt) as error:
-        what = f"{port} vanished" if isinstance(error, PortVanished) else "stopped"
+        what = f"{port} vanished ({error})" if isinstance(error, PortVanished) else "stopped"
         state = "the new firmware is in place" if switched else "the board boots what is whole"
         raise SolenavError(
             f"{what}: {state}, it restarts by itself within 9 s, or when switched off and on",
@@ -124,7 +126,9 @@ def flash(
     return result
 
 
-def _spoken(repl: SerialRepl, port: str, link: str, baud: int | None) -> dict[str, Any]:
+def _spoken(
+    repl: SerialRepl, port: str, link: str, baud: int | None, patience: float
+) -> dict[str, Any]:
     """Restart the board and hear its HELLO."""
     if link == port:
         repl.reset()
@@ -132,4 +136,4 @@ def _spoken(repl: SerialRepl, port: str, link: str, baud: int | None) -> dict[st
     with open_port(link, baud) as opened:
         if link != port:
             repl.reset()
-        return hello.awaited(opened, link, build_hash())
+        return hello.awaited(opened, link, build_hash(), patience)

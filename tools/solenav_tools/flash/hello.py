@@ -17,10 +17,14 @@ _PATIENCE_S = 20.0
 _ASK_S = 1.0
 
 
-def awaited(port: serial.Serial, name: str, build: int) -> dict[str, Any]:
-    """HELLO of the new firmware. SolenavError where none comes or it tells of a fault."""
+def awaited(port: serial.Serial, name: str, build: int, patience: float = 1.0) -> dict[str, Any]:
+    """HELLO of the new firmware. SolenavError where none comes or it tells of a fault.
+
+    `patience`: it is awaited so many times longer than a real board needs.
+    """
     asker, reader = Asker(port), FrameReader()
-    end = time.monotonic() + _PATIENCE_S
+    wait_s = _PATIENCE_S * patience
+    end = time.monotonic() + wait_s
     ask = time.monotonic() + _ASK_S
     other = None
     while time.monotonic() < end:
@@ -40,7 +44,7 @@ def awaited(port: serial.Serial, name: str, build: int) -> dict[str, Any]:
             f"the board runs build {other['build']:08x}, not {build:08x}", "flash again", 1
         )
     raise SolenavError(
-        f"{name}: no HELLO within {_PATIENCE_S:.0f} s",
+        f"{name}: no HELLO within {wait_s:.0f} s",
         "check the adapter: its RX to the board's TX, common ground; the files are on the board",
         1,
     )

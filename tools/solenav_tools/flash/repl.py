@@ -15,6 +15,7 @@ from solenav_tools.ports import PortVanished, explained
 
 _REMEDY = "pip install 'solenav[flash]'"
 _SILENT_S = 3.0  # a board that answers at all does so at once
+_ANSWER_S = 10.0  # from one byte of an answer to the next; a watchdog bites before that
 _TRIES = 4  # a watchdog may bite while we get in: the board is back after a second or two
 
 
@@ -27,17 +28,19 @@ class Repl(Protocol):
 class SerialRepl:
     """The raw REPL at a serial port, the firmware interrupted.
 
+    `patience`: all waits are so many times longer, for a board that is slower than a real one.
     SolenavError where the port can't be opened, nothing answers, or mpremote is missing.
     """
 
-    def __init__(self, port: str) -> None:
+    def __init__(self, port: str, patience: float = 1.0) -> None:
         try:
-            from mpremote.transport import TransportError, TransportExecError
+            from mpremote.transport import TransportError
             from mpremote.transport_serial import SerialTransport
         except ImportError:
             raise SolenavError("flashing needs mpremote", _REMEDY) from None
         self.port = port
-        self._refused: type[Exception] = TransportExecError
+        self._answer_s = _ANSWER_S * patience
+        silent_s = _SILENT_S * patience
         self._broken = (TransportError, serial.SerialException, OSError)
         try:
             # Opened by pyserial first: its errors say why, mpremote's don't.
@@ -47,7 +50,7 @@ class SerialRepl:
         last = ""
         for _try in range(_TRIES):
             try:
-                self._transport: Any = SerialTransport(port, timeout=_SILENT_S)
+                self._transport: Any = SerialTransport(port, timeout=silent_s)
             except self._broken as error:
                 last = str(error)
                 time.sleep(1)
@@ -55,7 +58,7 @@ class SerialRepl:
             try:
                 # mpremote prints what it could not make sense of.
                 with contextlib.redirect_stdout(io.StringIO()):
-                    self._transport.enter_raw_repl(soft_reset=False, timeout_overall=_SILENT_S)
+                    self._transport.enter_raw_repl(soft_reset=False, timeout_overall=silent_s)
                 return
             except self._broken as error:
                 last = str(error)
@@ -70,16 +73,17 @@ class SerialRepl:
     def run(self, code: str) -> str:
         try:
             with contextlib.redirect_stdout(io.StringIO()):
-                out: bytes = self._transport.exec(code)
-        except self._refused as error:
+                out, wrong = self._transport.exec_raw(code, timeout=self._answer_s)
+        except (*self._broken, TypeError, IndexError, ValueError, struct.error) as error:
+            raise PortVanished(str(error)) from None
+        if wrong:
+            last = wrong.decode("utf-8", "replace").strip().splitlines()[-1]
             raise SolenavError(
-                f"{self.port}: the board could not do it: {str(error).strip().splitlines()[-1]}",
+                f"{self.port}: the board could not do it: {last}",
                 "flash again; the firmware that was there still is",
                 1,
-            ) from None
-        except (*self._broken, TypeError, IndexError, ValueError, struct.error) as error:
-            raise PortVanished(f"{self.port}: {error}") from None
-        return out.decode("utf-8", "replace").replace("\r\n", "\n")
+            )
+        return str(out.decode("utf-8", "replace")).replace("\r\n", "\n")
 
     def reset(self) -> None:
         """Restart the board; the port may vanish with it."""
