@@ -6,13 +6,13 @@ from struct import unpack_from
 from time import ticks_diff, ticks_ms, ticks_us
 
 import config
+import forest_file
 import machine
 import reports
 from blackbox import BlackBox
 from bus import FAST, SLOW, Bus
 from checkpoint import Checkpoint
 from download import Download
-from forest_file import Upload
 from injection import Injection
 from link import Link
 from mpu9150 import Mpu9150, SensorError
@@ -41,11 +41,11 @@ _BRIDGE = NAMES.index("BRIDGE_TICKS")
 class Application:
     """Everything between the board's pins and the core.
 
-    `settings`, `params`, `forest`, `problems` are what `config.load` returned. `failed_test`: place
+    `settings`, `params`, `tables`, `problems` are what `config.load` returned. `failed_test`: place
     and name of the core's self-test that failed on this machine; (0, "") for none.
     """
 
-    def __init__(self, board, settings, params, forest, problems, failed_test=(0, "")):
+    def __init__(self, board, settings, params, tables, problems, failed_test=(0, "")):
         rate = params[_RATE]
         self.settings = settings
         self.board = board
@@ -63,7 +63,7 @@ class Application:
         self.params = self.clock.params
         self.state = navigator.new_state()
         self.work = navigator.new_work()
-        self.tables = navigator.new_tables(forest)
+        self.tables = tables
         self.second = max(1, (rate + 500) // 1000)  # ticks
         self.snapshot_ticks = settings["snapshot_s"] * self.second
         self.check_ticks = max(1, self.second // _CHECKS)
@@ -107,7 +107,9 @@ class Application:
         )
         # fmt: on
         self.commands.update(self.injection.commands)
-        self.commands.update(Upload(self.link, self.idle, self.plant, self.log).commands)
+        self.commands.update(
+            forest_file.Upload(self.link, self.idle, self.plant, self.log).commands
+        )
 
     def run(self):
         """For ever."""
@@ -401,7 +403,7 @@ class Application:
 
     def plant(self, forest):
         """Another forest (None: the shipped one) from the next run on."""
-        self.tables = self.injection.tables = navigator.new_tables(forest)
+        self.tables = self.injection.tables = forest_file.tables(forest)
         self.announce()
 
     def test_bus(self):

@@ -32,9 +32,9 @@ _CHOICES = {
 
 
 def load():
-    """(settings, parameters, forest, what is wrong with the files as texts).
+    """(settings, parameters, tables, what is wrong with the files as texts).
 
-    Parameters and forest are `array('i')`; the forest is None for the one that is shipped.
+    Parameters and tables are `array('i')`, the tables with the board's own forest where it has one.
     """
     problems = []
     settings = dict(_DEFAULTS)
@@ -50,7 +50,7 @@ def load():
         else:
             settings[key] = value
     params = _parameters(settings["params"], problems)
-    return settings, params, forest_file.load(problems), problems
+    return settings, params, forest_file.tables(forest_file.load(problems)), problems
 
 
 def build():

@@ -1,9 +1,12 @@
 """Another forest than the one in the core: from the host, into `forest.bin`, from there at boot."""
 
 import os
+import sys
 from array import array
 from struct import unpack_from
 
+import solenav_core.tables
+from solenav_core import navigator
 from solenav_core.compat import const
 from solenav_core.forest import WORDS_MAX, objection
 from solenav_core.framing import HEADER
@@ -31,6 +34,18 @@ def load(problems):
         problems.append("%s: %s: the shipped forest is used" % (FILE, wrong))
         return None
     return words
+
+
+def tables(forest):
+    """The core's tables with a forest; None: the shipped one.
+
+    What the tables are made of doesn't stay in the heap: a Pico hasn't got room for it twice.
+    """
+    made = navigator.new_tables(forest)
+    for module in ("forest", "lookup"):
+        del sys.modules["solenav_core.tables." + module]
+    del solenav_core.tables.forest, solenav_core.tables.lookup
+    return made
 
 
 class Upload:

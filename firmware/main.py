@@ -7,6 +7,7 @@ import solenav_core
 
 # Bytes: frames, and what is thrown away from one collection to the next.
 _FRAMES = 8192
+_ARRAYS = 22528  # bytes: buffers of the UART, outbox, state, work area, black box
 
 
 def self_test():
@@ -19,9 +20,14 @@ def self_test():
 
     failed = selftest.first_failure(EXPECTED)
     name = selftest.TESTS[failed - 1][0] if failed else ""
-    for module in ("solenav_core.selftest", "solenav_core.tables.selftest"):
-        del sys.modules[module]
-    del solenav_core.selftest
+    for module in ("selftest", "tables.selftest", "tables.forest", "tables.lookup"):
+        del sys.modules["solenav_core." + module]
+    tables = solenav_core.tables
+    del solenav_core.selftest, tables.selftest, tables.forest, tables.lookup
+    # Nor do kernels that were expanded wherever they were called (solenav.engines.device_form).
+    for module in sys.modules.values():
+        for spare in getattr(module, "EXPANDED", ()):
+            delattr(module, spare)
     return failed, name
 
 
@@ -33,16 +39,21 @@ def main():
     failed_test = self_test()
     # What importing leaves behind is collected before it tears the heap apart.
     gc.collect()
+    # What is loaded leaves holes, none of which holds the application's arrays.
+    arrays = bytearray(_ARRAYS)
     gc.threshold(24576)
     import config
+
+    # The tables are made of more than stays: now there is room for that.
+    settings, params, tables, problems = config.load()
     from application import Application
 
-    gc.threshold(-1)
-    gc.collect()
-    settings, params, forest, problems = config.load()
     __import__(settings["board"])
+    gc.threshold(-1)
+    del arrays
+    gc.collect()
     board = sys.modules[settings["board"]].open()
-    application = Application(board, settings, params, forest, problems, failed_test)
+    application = Application(board, settings, params, tables, problems, failed_test)
     del start
     gc.collect()
     try:

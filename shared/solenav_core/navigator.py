@@ -16,13 +16,18 @@ from solenav_core.detector import collect, detect, push
 from solenav_core.features import observe_motion, summarise
 from solenav_core.forest import classify
 from solenav_core.heading import steer
-from solenav_core.layout import SAMPLE_FIELDS, STATE_FIELDS, WORK_FIELDS, offsets, size
+from solenav_core.layout import (
+    SAMPLE_FIELDS,
+    STATE_FIELDS,
+    TABLE_FIELDS,
+    WORK_FIELDS,
+    offsets,
+    size,
+)
 from solenav_core.particles import stir, update
 from solenav_core.qmath import clamp
 from solenav_core.steps import stood, swung
 from solenav_core.strapdown import propagate, recentre
-from solenav_core.tables.forest import FOREST
-from solenav_core.tables.lookup import TABLES
 
 # What `tick` returns: bits.
 ALIGNED = 1  # a static start was taken on this tick; a better one may follow
@@ -89,14 +94,21 @@ def new_sample():
 def new_tables(forest=None):
     """The tables of a tick: constants, and the forest (words as in forest.py) that is shipped or
     another, which `forest.objection` has let pass."""
+    # Not above: so a board can let go of what both are made of.
+    from solenav_core.tables.forest import FOREST
+    from solenav_core.tables.lookup import TABLES
+
     tables = array("i", TABLES)
     tables.extend(array("i", FOREST) if forest is None else forest)
     return tables
 
 
+_FOREST_AT = offsets(TABLE_FIELDS)["FOREST"]
+
+
 def forest_hash(tables):
     """CRC-32 of the forest in the tables: HELLO's `forest`."""
-    return crc32(memoryview(tables)[len(TABLES) :])
+    return crc32(memoryview(tables)[_FOREST_AT:])
 
 
 def reset(state):

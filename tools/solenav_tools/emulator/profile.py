@@ -12,7 +12,7 @@ from bisect import bisect_right
 from collections import Counter
 from dataclasses import dataclass, field
 
-from solenav.engines.device_form import kernel_modules
+from solenav.engines.device_form import INLINE, kernel_modules
 from solenav.engines.thumb.compiler import compile_modules
 from solenav_tools.emulator.pico import EmulatedPico
 
@@ -64,6 +64,8 @@ class Profile:
         found = []
         for module in compile_modules(kernel_modules()):
             for name, code in module.kernels.items():
+                if name in INLINE.get(module.name, ()):
+                    continue  # let go of by the firmware, and called by nothing
                 at = ram.find(code)
                 if at < 0:
                     return False
