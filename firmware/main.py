@@ -5,6 +5,9 @@ import sys
 
 import solenav_core
 
+# Bytes: frames, and what is thrown away from one collection to the next.
+_FRAMES = 8192
+
 
 def self_test():
     """Place and name of the first self-test of the core that fails here; (0, "") for none.
@@ -23,6 +26,10 @@ def self_test():
 
 
 def main():
+    # MicroPython keeps the frame of a call with many locals on the heap, and looks for room from
+    # the heap's start on. So the start is left free: past all that is loaded it would take longer
+    # to find room for a frame than to compute a tick.
+    start = bytearray(_FRAMES)
     failed_test = self_test()
     # What importing leaves behind is collected before it tears the heap apart.
     gc.collect()
@@ -36,6 +43,8 @@ def main():
     __import__(settings["board"])
     board = sys.modules[settings["board"]].open()
     application = Application(board, settings, params, forest, problems, failed_test)
+    del start
+    gc.collect()
     try:
         application.run()
     except Exception as error:

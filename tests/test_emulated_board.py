@@ -27,6 +27,7 @@ pytest.importorskip("littlefs", reason="the emulator isn't installed")
 
 from rp2040py.rp2040 import RP2040
 
+from solenav_tools.emulator import bench as measuring
 from solenav_tools.emulator import image, ports, run, uf2, workarounds
 from solenav_tools.emulator.pico import EmulatedPico
 from solenav_tools.emulator.sensor import Wiring
@@ -392,6 +393,58 @@ def test_a_tcp_port_takes_one_client_after_the_other() -> None:
         port.close()
 
 
+# A board that runs a program of one instruction.
+
+
+@pytest.fixture
+def looping(tmp_path: Path) -> Iterator[EmulatedPico]:
+    """``b .`` at the start of flash."""
+    head = struct.pack("<8I", 0x0A324655, 0x9E5D5157, 0x2000, 0x1000_0000, 256, 0, 1, 0xE48BFF56)
+    block = (head + b"\xfe\xe7").ljust(508, b"\0") + struct.pack("<I", 0x0AB16F30)
+    (tmp_path / "loop.uf2").write_bytes(block)
+    with EmulatedPico(tmp_path / "loop.uf2") as pico:
+        yield pico
+
+
+def test_the_board_is_looked_at_by_its_own_clock(looping: EmulatedPico) -> None:
+    asked: list[int] = []
+    looping.run(lambda: asked.append(looping.ns) or len(asked) == 8)  # type: ignore[func-returns-value]
+    assert asked == [n * 1_000_000 for n in range(8)]
+
+
+def test_a_watchdog_s_trigger_restarts_the_board(looping: EmulatedPico) -> None:
+    looping.step()
+    looping.mcu.write_uint32(0x4005_8000, 1 << 31)
+    assert looping.restarts == ["reset"]
+    before = looping.ns
+    looping.step()
+    looping.step()
+    assert looping.ns - before >= 1_000_000
+    assert looping.mcu.core.pc & ~2 == 0x1000_0000
+
+
+# The bench.
+
+
+def test_each_sample_that_came_is_found_among_those_measured() -> None:
+    sent = np.arange(60, dtype=np.int16).reshape(10, 6)
+    assert list(measuring._rows(sent, sent[[0, 1, 4, 9]])) == [0, 1, 4, 9]
+    with pytest.raises(SolenavError, match="sample 1"):
+        measuring._rows(sent, sent[[3, 2]])
+
+
+def test_a_stance_costs_the_thumb_engine_what_particles_cost(tmp_path: Path) -> None:
+    importing.to_capture(run.walk_of("loop", 3), tmp_path / "walk.solcap")
+    source = capture.load(tmp_path / "walk.solcap")
+    kinds = measuring.on_thumb(source.sample_counts[:460], source.params[0][1])
+    assert sum(kind["ticks"] for kind in kinds.values()) == 460
+    for kind in kinds.values():
+        assert sum(kind["stages"].values()) == pytest.approx(kind["mean"], abs=20)
+    assert kinds["stance"]["mean"] > 5 * kinds["swing"]["mean"]
+    assert kinds["stance"]["stages"]["particles"] > kinds["stance"]["mean"] / 2
+    assert "particles" not in kinds["swing"]["stages"]
+
+
 # With MicroPython.
 
 
@@ -415,7 +468,14 @@ def test_a_walk_on_the_emulated_pico_is_proven_tick_by_tick_and_the_same_twice(
     outputs = [tmp_path / "a.solcap", tmp_path / "b.solcap"]
     for output in outputs:
         done = cli.solenav(
-            "emulate", "--uf2", str(micropython), "--walk", str(walk), "-o", str(output)
+            "emulate",
+            "--uf2",
+            str(micropython),
+            "--walk",
+            str(walk),
+            "-o",
+            str(output),
+            timeout=1800,
         )
         assert done.returncode == 0, done.stderr
     assert outputs[0].read_bytes() == outputs[1].read_bytes()

@@ -214,7 +214,7 @@ def test_a_packed_forest_comes_back(planted: list[Tree]) -> None:
 @settings(max_examples=20)
 @given(st.lists(trees(4), min_size=1, max_size=24))
 def test_the_core_walks_as_the_trees_say(planted: list[Tree]) -> None:
-    values = parameters.to_integers(parameters.Settings(motion_hold=1), 200.0)
+    values = parameters.to_integers(parameters.Settings(motion_hold=1, motion_share=0.5), 200.0)
     found = windows(COUNTS[:1200], values, forest=forests.pack(planted))
     vote = np.zeros(5, int)
     assert len(found.row)
@@ -228,7 +228,7 @@ def test_the_core_walks_as_the_trees_say(planted: list[Tree]) -> None:
 
 def test_a_motion_changes_only_after_windows_in_a_row() -> None:
     always = [Leaf((0, 63, 0, 0, 0))]
-    held = parameters.to_integers(parameters.Settings(motion_hold=3), 200.0)
+    held = parameters.to_integers(parameters.Settings(motion_hold=3, motion_share=0.5), 200.0)
     found = windows(COUNTS[:2000], held, forest=forests.pack(always))
     assert found.motion[:4].tolist() == [0, 0, 2, 2]
 

@@ -238,10 +238,15 @@ def summarise(s: ptr32, group: int, half: int) -> int:
         i = i + 5
     if half == 0:
         return 0
-    # xy, yz, xz
-    s[a + 25] = int(relate(a, a + 5, s[a + 25] + s[b + 25], s))
-    s[a + 26] = int(relate(a + 5, a + 10, s[a + 26] + s[b + 26], s))
-    s[a + 27] = int(relate(a, a + 10, s[a + 27] + s[b + 27], s))
+    # xy, yz, xz: one place for the code of all.
+    x = a
+    y = a + 5
+    i = 25
+    while i < 28:
+        s[a + i] = int(relate(x, y, s[a + i] + s[b + i], s))
+        x = a + 5 * (i & 1)
+        y = a + 10
+        i = i + 1
     i = 0
     while i < 5:
         s[a] = (s[a] + 8) >> 4

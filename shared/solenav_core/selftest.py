@@ -25,6 +25,7 @@ from solenav_core import (
     steps,
     strapdown,
 )
+from solenav_core.compat import const, micropython, ptr32
 from solenav_core.layout import STATE_FIELDS, WORK_FIELDS, offsets
 from solenav_core.params import NAMES
 from solenav_core.tables.defaults import PARAMS
@@ -34,6 +35,8 @@ _RATE = offsets(WORK_FIELDS)["RATE"]
 _WORK = offsets(WORK_FIELDS)
 _ROUNDS = 6
 _MAG_NEW = 8
+_LOW = const(0x4E6D)  # of 1103515245: the low 15 bits, and the rest
+_HIGH = const(0x838C)
 _TOP = 0x3FFFFFFF  # where counters stop
 _COUNTERS = (
     "STILL_TICKS",
@@ -55,6 +58,29 @@ _FLAT = (0, 0, 2048, 0, 0, 0)
 _MOUNTINGS = ((10, -20, -2047), (2047, 5, 9), (-1200, 1300, -990), (6, -2046, 30), (0, 0, 900))
 
 
+@micropython.viper
+def _draw(x: ptr32, bits: int) -> int:
+    """Two steps of x = 1103515245 x + 12345 mod 2**31, the low 15 bits of x in x[0].
+
+    The first gives the size of the number, the second its value and sign. In halves: as objects
+    the products would be half of the boot's time and fill the heap twice over.
+    """
+    size = 0
+    i = 0
+    while i < 2:
+        low = x[0] * _LOW + 12345
+        high = ((x[0] * _HIGH) & 0xFFFF) + ((x[1] * _LOW) & 0xFFFF)
+        x[0] = low & 0x7FFF
+        x[1] = (high + (low >> 15)) & 0xFFFF
+        if i == 0:
+            size = (x[1] << 7 | x[0] >> 8) % bits + 1  # > 0: every test asks for a bit or more
+        i += 1
+    value = (x[1] << 12 | x[0] >> 3) & ((1 << size) - 1)
+    if x[0] & 4:
+        return 0 - value
+    return value
+
+
 class _Bench:
     """Arrays to run kernels on, a source of numbers, and the CRC of all results so far."""
 
@@ -64,18 +90,12 @@ class _Bench:
         self.m = navigator.new_sample()
         self.p = PARAMS
         self.t = navigator.new_tables(array("i", _FOREST))
-        self.x = 12345
+        self.x = array("i", (12345, 0))
         self.crc = 0
 
     def number(self, bits):
         """A signed number of up to `bits` bits: any size down to one bit, either sign."""
-        self.x = (self.x * 1103515245 + 12345) & 0x7FFFFFFF
-        size = (self.x >> 8) % bits + 1
-        self.x = (self.x * 1103515245 + 12345) & 0x7FFFFFFF
-        value = (self.x >> 3) & ((1 << size) - 1)
-        if self.x & 4:
-            return 0 - value
-        return value
+        return _draw(self.x, bits)
 
     def result(self, value):
         """A kernel's return value into the CRC."""

@@ -21,6 +21,7 @@ from solenav_core import messages
 from solenav_tools import settings
 from solenav_tools.cli import (
     batch,
+    bench,
     calibrate,
     cat,
     compare,
@@ -100,6 +101,7 @@ app.command("replay")(replay.replay)
 app.command("run-firmware")(run_firmware.run_firmware)
 app.command("flash")(flash.flash)
 app.command("emulate")(emulate.emulate)
+app.command("bench")(bench.bench)
 app.command("record")(record.record)
 app.command("monitor")(monitor.monitor)
 app.command("doctor")(doctor.doctor)

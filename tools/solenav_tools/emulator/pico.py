@@ -19,8 +19,9 @@ from solenav.sim.feed_file import write_feed
 from solenav_tools.board import Samples
 from solenav_tools.emulator import image
 from solenav_tools.emulator.sensor import Wiring
-from solenav_tools.emulator.workarounds import Console, PacedUart, check_version
+from solenav_tools.emulator.workarounds import Console, PacedUart, StillPio, check_version
 
+_TURN_NS = 1e6  # from one look at what comes from outside to the next
 _DRAIN_S = 0.1  # after the last sample, for the FIFO
 
 # Faults of a script that this board can't have.
@@ -82,6 +83,7 @@ class EmulatedPico:
         self._device = MicroPythonDevice(board=board)
         self.mcu = self._device.mcu
         self.simulator = self._device.simulator
+        self._pio = StillPio(self.mcu)
         content = files if isinstance(files, bytes) else image.build(files)
         self.mcu.flash[image.START : image.START + len(content)] = content
         self.uart = PacedUart.install(self.mcu, 0)
@@ -89,6 +91,8 @@ class EmulatedPico:
         self.console = Console(self._device.cdc)
         self.mcu.watchdog.on_watchdog_trigger = self._bitten
         self.wiring = Wiring(self.mcu, self.uart, feed, sensor, faults, self._halt)
+        self._turn_alarm = self.mcu.clock.create_alarm(self._turn)
+        self._turn_alarm.schedule(_TURN_NS)
         self.mcu.core.pc = FLASH_START_ADDRESS
 
     def __enter__(self) -> EmulatedPico:
@@ -121,14 +125,16 @@ class EmulatedPico:
     _over_at = -1
 
     def run(self, until: Callable[[], bool] = lambda: False) -> None:
-        """On, until `until` says so; it is asked every few milliseconds of wall clock."""
+        """On, until `until` says so; it is asked at each millisecond of emulated time."""
         while not until():
             self.step()
 
     def step(self) -> None:
-        """On, for some milliseconds of wall clock or up to an event that stops the processor."""
+        """On, to the next millisecond of emulated time or to an event that stops the processor."""
         self.simulator.stopped = False
-        self.simulator._execute_batch()
+        # A batch also ends when the wall clock says so, which nothing here may depend on.
+        while not self.simulator.stopped:
+            self.simulator._execute_batch()
         behind = self.wiring.behind_ns
         if behind >= 1000:
             # A fault: the processor stands still while the time goes on.
@@ -144,8 +150,13 @@ class EmulatedPico:
     def _halt(self) -> None:
         self.simulator.stopped = True
 
+    def _turn(self) -> None:
+        self._halt()
+        self._turn_alarm.schedule(_TURN_NS)
+
     def _bitten(self) -> None:
         """The watchdog restarts the processor, by itself or as `machine.reset()` has it do."""
         self.restarts.append("watchdog" if self.mcu.watchdog._reason == 1 else "reset")
         machine.bus.end()
-        self._device.hard_reset(cause=ResetCause.WATCHDOG)
+        with self._pio.there():
+            self._device.hard_reset(cause=ResetCause.WATCHDOG)

@@ -94,10 +94,12 @@ def record(
     sensor: str = "MPU-9150",
     faults: Sequence[Mapping[str, Any]] = (),
     progress: Callable[[int], None] = lambda ms: None,
+    watch: Callable[[EmulatedPico], None] = lambda pico: None,
 ) -> Outcome:
     """Record what the board sends over all of the capture's samples, as fast as it goes.
 
     Arrival times are when the last bit of a frame left the board: two runs give the same file.
+    `watch` is called with the board at each millisecond of emulated time.
     SolenavError where the firmware crashes; what it sent before is in the file.
     """
     files = file_system({**settings_for(source, pose_every), **(config or {})})
@@ -116,6 +118,7 @@ def record(
 
         def ended() -> bool:
             progress(pico.ns // 1_000_000)
+            watch(pico)
             return pico.over or b">>> " in said
 
         pico.on_uart = sent

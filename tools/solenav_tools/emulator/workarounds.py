@@ -6,7 +6,8 @@ Each part says what it mends. Another version has to be tried first: `check_vers
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib import metadata
 from typing import Any
 
@@ -277,6 +278,26 @@ class Console:
         self._offer = 0
         self._queue.clear()
         self._forget()
+
+
+class StillPio:
+    """Neither PIO is advanced any more.
+
+    Mends: rp2040py asks both after each instruction, a seventh of all its time, also where they
+    stand still. The firmware has no use for them; a program that has would wait for ever.
+    """
+
+    def __init__(self, rp2040: RP2040) -> None:
+        self._rp2040 = rp2040
+        self._both = rp2040.pio
+        rp2040.pio = []
+
+    @contextmanager
+    def there(self) -> Iterator[None]:
+        """For a reset, which resets them as well."""
+        self._rp2040.pio = self._both
+        yield
+        self._rp2040.pio = []
 
 
 def refuse(i2c: RPI2C) -> None:

@@ -41,7 +41,7 @@ class SerialRepl:
         self._broken = (TransportError, serial.SerialException, OSError)
         try:
             # Opened by pyserial first: its errors say why, mpremote's don't.
-            serial.Serial(port).close()
+            serial.serial_for_url(port).close()
         except serial.SerialException as error:
             raise explained(port, error) from None
         last = ""
