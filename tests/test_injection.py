@@ -123,7 +123,7 @@ def test_an_engine_that_compiles_first_does_not_lose_the_board(
     create = engines.create
     began: list[str] = []
 
-    def compiling(name: str, params: Any, forest: Any) -> Any:
+    def compiling(name: str, params: Any, forest: Any = None) -> Any:
         if not began:
             began.append(name)
             time.sleep(6)  # the board waits for 5 s
