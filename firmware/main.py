@@ -35,6 +35,8 @@ def main():
     # MicroPython keeps the frame of a call with many locals on the heap, and looks for room from
     # the heap's start on. So the start is left free: past all that is loaded it would take longer
     # to find room for a frame than to compute a tick.
+    # What compiling this file has left behind lies there now.
+    gc.collect()
     start = bytearray(_FRAMES)
     failed_test = self_test()
     # What importing leaves behind is collected before it tears the heap apart.
