@@ -171,68 +171,52 @@ def observe_motion(s: ptr32, p: ptr32, w: ptr32) -> int:
 
 
 @micropython.viper
-def describe(a: int, b: int, count: int, s: ptr32) -> int:
-    """Signals' sums in two blocks, from s[a] and s[b] on, into s[a]: sum, deviation Q4, the rest.
+def describe(a: int, b: int, s: ptr32) -> int:
+    """A signal's sums in two blocks, at s[a] and s[b], into s[a]: the sum, deviation Q4, the rest.
 
     With n = 64, sum S, D = n variance = sum(y²) - S²/n, and n E(y)³ = S (S²/n) / n²:
     sum((y - mean)³) = sum(y³) - (3 D + S²/n) S/n.
     """
-    # One call for all of them: a call costs as much as a signal.
-    while count > 0:
-        total = s[a] + s[b]
-        # S²/64 without a product past the word: S = 8 eighth + rest.
-        eighth = total >> 3
-        square = eighth * eighth + ((eighth * (total & 7)) >> 2)
-        spread = s[a + 1] + s[b + 1] - square
-        if spread < 0:
-            spread = 0
-        deviation = int(isqrt(spread << 2))
-        skew = 0
-        if deviation >= _QUIET:
-            skew = s[a + 2] + s[b + 2] - int(mulshift(total << 5, 3 * spread + square, 17))
-            cube = int(mulshift(deviation << 7, spread, 17))
-            if cube < 0x40000:
-                skew = (int(clamp(skew, 0x400000)) << 8) // cube  # > 0: 512, of least deviation
-            else:
-                skew = skew // (cube >> 8)  # > 0: 1024 at least
-            skew = int(clamp(skew, _SKEW_MAX))
-        s[a] = total
-        s[a + 1] = deviation
-        s[a + 2] = skew
-        if s[b + 3] > s[a + 3]:
-            s[a + 3] = s[b + 3]
-        if s[b + 4] < s[a + 4]:
-            s[a + 4] = s[b + 4]
-        a = a + 5
-        b = b + 5
-        count = count - 1
+    total = s[a] + s[b]
+    # S²/64 without a product past the word: S = 8 eighth + rest.
+    eighth = total >> 3
+    square = eighth * eighth + ((eighth * (total & 7)) >> 2)
+    spread = s[a + 1] + s[b + 1] - square
+    if spread < 0:
+        spread = 0
+    deviation = int(isqrt(spread << 2))
+    skew = 0
+    if deviation >= _QUIET:
+        skew = s[a + 2] + s[b + 2] - int(mulshift(total << 5, 3 * spread + square, 17))
+        cube = int(mulshift(deviation << 7, spread, 17))
+        if cube < 0x40000:
+            skew = (int(clamp(skew, 0x400000)) << 8) // cube  # > 0: 512, of the least deviation
+        else:
+            skew = skew // (cube >> 8)  # > 0: 1024 at least
+        skew = int(clamp(skew, _SKEW_MAX))
+    s[a] = total
+    s[a + 1] = deviation
+    s[a + 2] = skew
+    if s[b + 3] > s[a + 3]:
+        s[a + 3] = s[b + 3]
+    if s[b + 4] < s[a + 4]:
+        s[a + 4] = s[b + 4]
     return 0
 
 
 @micropython.viper
-def relate(a: int, b: int, s: ptr32) -> int:
-    """Correlations, Q8, of the pairs xy, yz, xz of the group at s[a], which `describe` dealt with.
+def relate(x: int, y: int, shared: int, s: ptr32) -> int:
+    """Correlation, Q8, of the signals at s[x] and s[y], which `describe` has dealt with.
 
-    At s[a + 25] and s[b + 25] on are the sums of their products.
+    `shared`: the window's sum of their products.
     """
-    x = a
-    y = a + 5
-    i = 25
-    while i < 28:
-        shared = 0
-        if s[x + 1] >= _QUIET and s[y + 1] >= _QUIET:
-            most = (s[x + 1] * s[y + 1]) >> 2
-            shared = s[a + i] + s[b + i] - int(mulshift(s[x] << 11, s[y], 17))
-            shared = int(clamp(shared, most))
-            if most < 0x400000:
-                shared = (shared << 8) // most  # > 0: 4096, of the least deviations
-            else:
-                shared = int(clamp(shared // (most >> 8), 256))  # > 0: 16384 at least
-        s[a + i] = shared
-        x = a + 5 * (i & 1)
-        y = a + 10
-        i = i + 1
-    return 0
+    if s[x + 1] < _QUIET or s[y + 1] < _QUIET:
+        return 0
+    most = (s[x + 1] * s[y + 1]) >> 2
+    shared = int(clamp(shared - int(mulshift(s[x] << 11, s[y], 17)), most))
+    if most < 0x400000:
+        return (shared << 8) // most  # > 0: 4096, of the least deviations
+    return int(clamp(shared // (most >> 8), 256))  # > 0: 16384 at least
 
 
 @micropython.viper
@@ -247,11 +231,22 @@ def summarise(s: ptr32, group: int, half: int) -> int:
     if slot > 2:
         slot = 0
     b = _S_SUMS + _FEATURES * slot + _GROUP * group
+    i = 15 * half
+    stop = 15 + 10 * half
+    while i < stop:
+        int(describe(a + i, b + i, s))
+        i = i + 5
     if half == 0:
-        int(describe(a, b, 3, s))
         return 0
-    int(describe(a + 15, b + 15, 2, s))
-    int(relate(a, b, s))
+    # xy, yz, xz: one place for the code of all.
+    x = a
+    y = a + 5
+    i = 25
+    while i < 28:
+        s[a + i] = int(relate(x, y, s[a + i] + s[b + i], s))
+        x = a + 5 * (i & 1)
+        y = a + 10
+        i = i + 1
     i = 0
     while i < 5:
         s[a] = (s[a] + 8) >> 4
