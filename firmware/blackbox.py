@@ -28,9 +28,9 @@ _FOLDER = "log"
 _SUFFIX = ".frames"
 
 _RING = const(2048)  # bytes: more than 7 s of frames without samples
-_RING_SAMPLES = const(6144)  # a whole snapshot, and the samples of a slow flash access
+_RING_SAMPLES = const(7168)  # a whole snapshot, and the samples of a slow flash access
 _HEAD = const(1024)  # bytes of the ring that HELLO and PARAMS may take
-_HEAD_SAMPLES = const(3584)  # and a snapshot
+_HEAD_SAMPLES = const(4608)  # and a snapshot
 _CHUNK = const(1024)  # bytes of a write: it erases one block of flash at most
 _FILE_MAX = const(65536)  # bytes
 _FILE_MIN = const(4096)  # a smaller one isn't worth its block

@@ -211,7 +211,8 @@ def test_another_device_is_told_and_its_bytes_are_kept(tmp_path: Path) -> None:
 def test_a_damaged_byte_on_the_wire_costs_one_frame(replayed: Path, tmp_path: Path) -> None:
     stream = bytearray(b"".join(data for _t, data in capture.read_records(replayed))[:100_000])
     whole = list(link.FrameReader().feed(bytes(stream)))
-    stream[50_000] ^= 0x21
+    # Within a frame: two that lost the delimiter between them are told apart.
+    stream[stream.index(0, 50_000) + 8] ^= 0x21
     with sender(bytes(stream), then_vanish=True) as port:
         done = solenav("record", port, "-o", "x.solcap", cwd=tmp_path)
     refused(done, 1, "vanished", "1 damaged frames")

@@ -97,7 +97,7 @@ def test_parameters_of_ones_own_are_named() -> None:
 
 
 def test_a_nearly_full_flash_is_told() -> None:
-    with board(flash={"capacity": 540_000}) as port:
+    with board(flash={"capacity": 580_000}) as port:
         _code, checks = examined(port)
     assert checks["flash"]["verdict"] == WARN
     assert "download" in checks["flash"]["remedy"]

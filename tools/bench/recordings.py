@@ -49,9 +49,7 @@ def row(job: tuple[str, Path, str]) -> str:
     with tempfile.TemporaryDirectory() as folder:
         walk, run = Path(folder) / "walk.solcap", Path(folder) / "run.solcap"
         about = solenav("import", path, "--format", format, "--foot", foot, "-o", walk)
-        # At 400 Hz every sample and every pose are more than the link carries.
-        every = "1" if about["rate_hz"] < 300 else "2"
-        solenav("run-firmware", walk, "-o", run, "--pose-every", every)
+        solenav("run-firmware", walk, "-o", run)
         proof = solenav("verify", run)
         result = solenav("evaluate", run)
     truth = result["truth"]

@@ -12,21 +12,26 @@ from solenav_core import messages
 from solenav_tools.board import Samples, SimulatedBoard
 from solenav_tools.ports import PortVanished, open_port, read_some
 
+_DENSE_HZ = 300  # at 400 Hz every sample and every pose are more than the link carries
+
 
 def board_for(
     source: Capture,
     *,
-    pose_every: int,
+    pose_every: int | None = None,
     realtime: bool = False,
     config: Mapping[str, Any] | None = None,
     **options: Any,
 ) -> SimulatedBoard:
     """A board whose sensor measures the capture's samples, with the capture's parameters.
 
+    `pose_every`: ticks from POSE to POSE, None for as few as the link carries beside each sample.
     `config`: more keys of the firmware's config.json. `options`: SimulatedBoard's. SolenavError
     where the capture has no samples or parameters.
     """
     source.need_samples()
+    if pose_every is None:
+        pose_every = 1 if source.rate_hz() < _DENSE_HZ else 2
     samples = replaying.samples_of(source)
     params = parameters.named(source.params[0][1])
     settings = {"params": params, "pose_every": pose_every, **(config or {})}
@@ -40,13 +45,13 @@ def run(
     source: Capture,
     output: Path,
     *,
-    pose_every: int = 1,
+    pose_every: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> None:
     """Record what the firmware sends over all of the capture's samples.
 
-    Arrival times are the board's, so that two runs give the same file. SolenavError where the
-    firmware crashes; what it sent before is in the file.
+    `pose_every` as in `board_for`. Arrival times are the board's, so that two runs give the same
+    file. SolenavError where the firmware crashes; what it sent before is in the file.
     """
     last = 0.0
     samples = 0

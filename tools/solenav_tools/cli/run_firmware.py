@@ -17,7 +17,10 @@ from solenav_tools.outcome import need_alignment
 def run_firmware(
     file: CaptureFile,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Capture to write.")] = None,
-    pose_every: Annotated[int, typer.Option(min=1, help="A POSE on every n-th tick.")] = 1,
+    pose_every: Annotated[
+        int | None,
+        typer.Option(min=1, help="A POSE on every n-th tick; default: 1, from 300 Hz on 2."),
+    ] = None,
     serve: Annotated[
         bool, typer.Option(help="Don't record: print the port for `monitor` or `record`.")
     ] = False,
@@ -51,7 +54,7 @@ def run_firmware(
         warn(f"{lost} samples were lost on the board: `solenav info {output}`")
 
 
-def _serve(source: capture.Capture, pose_every: int, realtime: bool) -> None:
+def _serve(source: capture.Capture, pose_every: int | None, realtime: bool) -> None:
     """Keep a board at a port until a client has read all of it, or Ctrl-C."""
     with firmware_run.board_for(source, pose_every=pose_every, realtime=realtime) as board:
         say(board.port)
