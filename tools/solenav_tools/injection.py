@@ -23,8 +23,8 @@ from solenav.capture import Capture
 from solenav.capture.contents import Fragments
 from solenav.errors import SolenavError
 from solenav.link import Frame, FrameReader, command, unpack
-from solenav.link.schema import need_schema
-from solenav_core import messages, navigator
+from solenav.link.schema import need_forest, need_schema
+from solenav_core import messages
 from solenav_tools.matrix import Difference, state_difference
 from solenav_tools.ports import read_some, send
 from solenav_tools.recorder import Asker
@@ -71,12 +71,7 @@ def inject(
     capture.need_samples()
     session = Session(port)
     hello = session.hello()
-    held = navigator.forest_hash(navigator.new_tables(forest))
-    if hello["forest"] != held:
-        raise SolenavError(
-            f"the board has the forest {hello['forest']:08x}, this is {held:08x}",
-            "give the file that was sent to the board as --forest",
-        )
+    need_forest(hello, forest, f"the board at {port.port}")
     name = engine or engines.default_name()
     report = DeviceReport(
         hello["text"].decode("utf-8", "replace"), name, samples=len(capture.samples)

@@ -422,11 +422,7 @@ def _by_filter(
             "|---|" + "---|" * len(FILTERS),
         ]
         for detector in detectors:
-            cells = []
-            for name in FILTERS:
-                lost = sum(shares[n][detector.name, name] > LOST_SHARE for n in names)
-                share = 100 * _mean(shares, names, detector.name, name)
-                cells.append(f"{share:.2f}" + (f" ({lost})" if lost else ""))
+            cells = _shares(shares, names, detector, FILTERS)
             lines.append(f"| {detector.name} | " + " | ".join(cells) + " |")
         lines.append("")
     lines += [
@@ -448,6 +444,18 @@ def _by_filter(
             lines.append(f"| {group} | {whose} | " + " | ".join(gains) + " |")
     lines.append("")
     return "\n".join(lines)
+
+
+def _shares(
+    shares: Shares, names: Sequence[str], detector: Detector, filters: Sequence[str]
+) -> list[str]:
+    """Each filter's share of the distance over the recordings, and how many are lost."""
+    cells = []
+    for name in filters:
+        lost = sum(shares[n][detector.name, name] > LOST_SHARE for n in names)
+        share = 100 * _mean(shares, names, detector.name, name)
+        cells.append(f"{share:.2f}" + (f" ({lost})" if lost else ""))
+    return cells
 
 
 def _better(
@@ -475,11 +483,7 @@ def _better(
     for group in ("walking", "walk, run"):
         names = groups[group]
         for detector in detectors:
-            cells = []
-            for name in filters:
-                lost = sum(shares[n][detector.name, name] > LOST_SHARE for n in names)
-                share = 100 * _mean(shares, names, detector.name, name)
-                cells.append(f"{share:.2f}" + (f" ({lost})" if lost else ""))
+            cells = _shares(shares, names, detector, filters)
             lines.append(f"| {group} | {detector.name} | " + " | ".join(cells) + " |")
     lines.append("")
     return "\n".join(lines)

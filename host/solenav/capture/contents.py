@@ -19,11 +19,11 @@ from solenav.capture.file import scan
 from solenav.capture.sidecar import read_sidecar, read_truth
 from solenav.errors import SolenavError
 from solenav.link import FIELDS, NAMES, Damage, Frame, FrameReader, unpack
-from solenav.link.schema import need_schema
+from solenav.link.schema import need_forest, need_schema
 from solenav.modes import labels
 from solenav.modes.labels import Label
 from solenav.recording import FloatArray, Truth
-from solenav_core import layout, messages, navigator
+from solenav_core import layout, messages
 
 _CODES = {"b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4"}
 _TABLES = (messages.SAMPLE, messages.POSE, messages.STEP, messages.ALIGN, messages.STATUS)
@@ -121,17 +121,9 @@ class Capture:
             parameters.checked(values.tolist())
 
     def need_forest(self, forest: array[int] | None) -> None:
-        """SolenavError where a board said that it had another forest than this; None: the shipped.
-
-        Without it the core comes to other motions, and so to other states.
-        """
-        held = navigator.forest_hash(navigator.new_tables(forest))
+        """SolenavError where the board had another forest than this; None: the shipped one."""
         for _order, hello in self.hellos:
-            if hello["forest"] != held:
-                raise SolenavError(
-                    f"{self.path} ran with the forest {hello['forest']:08x}, this is {held:08x}",
-                    "give the file that was sent to the board as --forest",
-                )
+            need_forest(hello, forest, str(self.path))
 
     def need_schema(self) -> None:
         """SolenavError where the firmware spoke another schema than this host."""
