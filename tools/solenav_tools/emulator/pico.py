@@ -19,7 +19,13 @@ from solenav.sim.feed_file import write_feed
 from solenav_tools.board import Samples
 from solenav_tools.emulator import image
 from solenav_tools.emulator.sensor import Wiring
-from solenav_tools.emulator.workarounds import Console, PacedUart, StillPio, check_version
+from solenav_tools.emulator.workarounds import (
+    Console,
+    PacedUart,
+    StillPio,
+    check_version,
+    shorten_bus_calls,
+)
 
 _TURN_NS = 1e6  # from one look at what comes from outside to the next
 _DRAIN_S = 0.1  # after the last sample, for the FIFO
@@ -84,6 +90,7 @@ class EmulatedPico:
         self.mcu = self._device.mcu
         self.simulator = self._device.simulator
         self._pio = StillPio(self.mcu)
+        shorten_bus_calls(self.mcu)
         content = files if isinstance(files, bytes) else image.build(files)
         self.mcu.flash[image.START : image.START + len(content)] = content
         self.uart = PacedUart.install(self.mcu, 0)
