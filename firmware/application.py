@@ -25,6 +25,7 @@ from solenav_core.layout import SAMPLE_FIELDS, STATE_FIELDS, offsets
 from solenav_core.params import NAMES
 
 _INFO, _WARNING, _ERROR = 0, 1, 2
+_DOZES = 3
 _CHECKS = 20  # of the sensor's settings, in a second: 1 ms each, of the bus and of the processor
 _AT = offsets(STATE_FIELDS)
 _TICK = _AT["TICK"]
@@ -35,6 +36,12 @@ _MOTION = _AT["MOTION"]
 _FLAGS = offsets(SAMPLE_FIELDS)["FLAGS"]
 _RATE = NAMES.index("RATE_MHZ")
 _OF_RUNS = messages.ASK_START, messages.ASK_STOP
+_SAMPLING = messages.ALIGNING, messages.RUNNING, messages.RESUMING
+_POSE = messages.POSE
+_TOLD = navigator.ALIGNED | navigator.STEP | navigator.LOCKED_OUT
+_tick = navigator.tick
+_pack_pose = messages.pack_pose
+_sample = reports.sample
 _BRIDGE = NAMES.index("BRIDGE_TICKS")
 
 
@@ -137,7 +144,7 @@ class Application:
                     self.log(_WARNING, "the host that injected samples fell silent")
             self.link.pump()
             if not (waiting or self.spare(tick)):
-                machine.idle()
+                self.doze()
 
     def boot(self):
         """Go on with a run that was cut off; else start or wait, as the settings say."""
@@ -171,14 +178,14 @@ class Application:
 
     def sampling(self):
         """Whether samples are to come."""
-        return self.mode != messages.IDLE and self.mode != messages.FAULT
+        return self.mode in _SAMPLING
 
     def take(self):
         """A sample, if one waits; whether one may have."""
         try:
-            waiting = self.sampler.ready()
-            if waiting and self.sampler.read():
-                self.watchdog.feed()
+            sampler = self.sampler
+            waiting = sampler.ready()
+            if waiting and sampler.read():
                 self.advance()
             return waiting
         except SensorError as error:
@@ -192,15 +199,25 @@ class Application:
             return True
         return self.download.step(tick) or self.blackbox.step(tick)
 
+    def doze(self):
+        """Let the processor sleep: until an interrupt, or for a millisecond or two."""
+        # An RP2040's first idle() sets an alarm, which is an event by itself; the third one sleeps.
+        for _ in range(_DOZES):
+            if self.sampling() and self.sampler.pulsed():
+                return
+            machine.idle()
+
     def advance(self):
         """One sample through the core, and the messages that it gives rise to."""
         state = self.state
-        sample = self.sampler.sample
-        if state[_MODE] and sample[_FLAGS] >> 8 > self.bridge:
-            self.log(_WARNING, "%d samples lost: going on with the next stance" % self.sampler.lost)
+        params = self.params
+        sampler = self.sampler
+        sample = sampler.sample
+        if sample[_FLAGS] >> 8 > self.bridge and state[_MODE]:
+            self.log(_WARNING, "%d samples lost: going on with the next stance" % sampler.lost)
             self.break_off()
         began = ticks_us()
-        events = navigator.tick(state, self.params, self.work, self.tables, sample)
+        events = _tick(state, params, self.work, self.tables, sample)
         spent = ticks_diff(ticks_us(), began)
         if spent > self.worst:
             self.worst = spent
@@ -209,28 +226,35 @@ class Application:
         if self.complaint:
             self.recovered()
         if self.send_samples:
-            reports.sample(link, tick, self.sampler, self.sensor.temperature())
-        if events & navigator.ALIGNED:
-            self.mode = messages.RUNNING
-            link.send(messages.ALIGN, tick, messages.pack_align(link.frame, HEADER, state))
-        if events & navigator.STEP:
-            link.send(messages.STEP, tick, messages.pack_step(link.frame, HEADER, state))
-        if state[_MODE] and self.pose_every and tick % self.pose_every == 0:
-            end = messages.pack_pose(link.frame, HEADER, state, self.params)
-            link.send(messages.POSE, tick, end)
+            _sample(link, tick, sampler, self.sensor.temperature())
+        if events & _TOLD:
+            self.tell(events, tick)
+        every = self.pose_every
+        if every and tick % every == 0 and state[_MODE]:
+            link.send(_POSE, tick, _pack_pose(link.frame, HEADER, state, params))
         due = self.snapshot_ticks and tick % self.snapshot_ticks == 0
         if due or self.snapshot_asked:
             self.snapshot_asked = False
             reports.snapshot(link, tick, state)
-        if events & navigator.LOCKED_OUT:
-            self.log(_WARNING, "zero velocity taken for granted: the filter had been locked out")
-        if self.clock.follow(self.sampler):
+        if self.clock.follow(sampler):
             # They hold from the next tick on.
-            reports.parameters(link, tick, self.params)
+            reports.parameters(link, tick, params)
         if tick % self.second == 0:
+            self.watchdog.feed()
             self.status()
         if tick % self.check_ticks == 0 and not self.trust.keeps(state):
             self.distrust()
+
+    def tell(self, events, tick):
+        """What has happened on a tick."""
+        link = self.link
+        if events & navigator.ALIGNED:
+            self.mode = messages.RUNNING
+            link.send(messages.ALIGN, tick, messages.pack_align(link.frame, HEADER, self.state))
+        if events & navigator.STEP:
+            link.send(messages.STEP, tick, messages.pack_step(link.frame, HEADER, self.state))
+        if events & navigator.LOCKED_OUT:
+            self.log(_WARNING, "zero velocity taken for granted: the filter had been locked out")
 
     def break_off(self):
         """Navigation can't go on over a gap: it does with the next stance."""

@@ -6,7 +6,16 @@ from time import sleep_ms, ticks_diff, ticks_ms
 from outbox import Outbox
 
 from solenav_core.compat import const
-from solenav_core.framing import CRC, HEADER, PAYLOAD_MAX, STANDARD_SEED, crc16, stuff, unstuff
+from solenav_core.framing import (
+    CRC,
+    HEADER,
+    PAYLOAD_MAX,
+    STANDARD_SEED,
+    crc16,
+    seal,
+    stuff,
+    unstuff,
+)
 from solenav_core.messages import ACK, ASK_HELLO, FORMATS, OPEN, REPEATED, SCHEMA, SIZES
 
 _COMMAND_MAX = const(64)  # longest stuffed command
@@ -51,22 +60,21 @@ class Link:
     def send(self, kind, tick, end):
         """Queue frame[:end] as a message of type `kind`; dropped and counted if there's no room."""
         frame = self.frame
+        outbox = self.outbox
+        box = self.blackbox
         length = end + CRC + 2
-        at = self.outbox.place(kind, length)
-        kept = self.blackbox.place(kind, tick, length) if self.blackbox else -1
+        at = outbox.place(kind, length)
+        kept = box.place(kind, tick, length) if box else -1
         if at < 0 and kept < 0:
             return
-        pack_into("<BBI", frame, 0, kind, self._seq, tick)
-        crc = crc16(frame, 0, end, STANDARD_SEED if kind in OPEN else SCHEMA)
-        frame[end] = crc & 255
-        frame[end + 1] = crc >> 8
-        end += CRC
+        seq = self._seq
+        end = seal(frame, kind, seq, tick, end, STANDARD_SEED if kind in OPEN else SCHEMA)
         if at >= 0:
-            self._seq = (self._seq + 1) & 255
-            self.outbox.add(stuff(frame, end, self.outbox.buffer, at) - at)
+            self._seq = (seq + 1) & 255
+            outbox.add(stuff(frame, end, outbox.buffer, at) - at)
         if kept >= 0:
             # Stuffed twice, as copying one stretch of bytes into another would allocate.
-            ring = self.blackbox.ring
+            ring = box.ring
             ring.add(stuff(frame, end, ring.buffer, kept) - kept)
 
     def pump(self):
@@ -84,10 +92,12 @@ class Link:
         A command with the type and seq of the one before it is acknowledged here as repeated.
         """
         if self._at == self._have:
+            waiting = self._uart.any()
+            if not waiting:
+                return 0
             self._at = 0
-            waiting = min(self._uart.any(), _TURN_MAX)
             # Only what is there: waiting for more would cost samples.
-            self._have = self._uart.readinto(self._chunk, waiting) or 0 if waiting else 0
+            self._have = self._uart.readinto(self._chunk, min(waiting, _TURN_MAX)) or 0
         while self._at < self._have:
             byte = self._chunk[self._at]
             self._at += 1

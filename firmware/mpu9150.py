@@ -226,13 +226,17 @@ class Mpu9150:
         Allocates nothing.
         """
         size = len(self.raw)
-        count = 0
-        for _ in range(3):
-            self.bus.read_into(self._address, _FIFO_COUNTH, self._count)
-            count = (self._count[0] << 8) | self._count[1]
+        found = self._count
+        self.bus.read_into(self._address, _FIFO_COUNTH, found)
+        count = (found[0] << 8) | found[1]
+        if count == size:
+            return 1
+        tries = 2
+        while count % size and tries:
             # The sensor may be in the middle of writing one.
-            if count % size == 0:
-                break
+            self.bus.read_into(self._address, _FIFO_COUNTH, found)
+            count = (found[0] << 8) | found[1]
+            tries -= 1
         # With room for less than one more sample, the oldest may be overwritten while it's read.
         if count > _FIFO_SIZE - size:
             return -1

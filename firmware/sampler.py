@@ -133,10 +133,11 @@ def returned(new: ptr32, old: ptr32, before: ptr32) -> int:
 
 
 @micropython.viper
-def adopt(new: ptr32, sample: ptr32, flags: int) -> int:
-    """The readings of `new` and the word of flags into the core's sample."""
+def adopt(new: ptr32, sample: ptr32, before: ptr32, flags: int) -> int:
+    """The core's sample into `before`, the readings of `new` and the word of flags into it."""
     i = 0
     while i < _I_FLAGS:
+        before[i] = sample[i]
         sample[i] = new[i]
         i = i + 1
     sample[_I_FLAGS] = flags
@@ -181,6 +182,7 @@ class Sampler:
         self._period = (1_000_000_000 << _FRACTION) // rate_mhz
         self._rest = 0  # of the learned period: what division left
         self._half_second = max(20, rate_mhz // 2000)  # samples
+        self._patience_max = _PATIENCE * self._half_second
         self._alike_max = max(5, rate_mhz // 8000)  # 1/8 s
         self._count = 0  # pulses, modulo 2**16
         self._stamp = 0  # ticks_us of the last pulse
@@ -228,6 +230,7 @@ class Sampler:
         self._adjacent = 0
         self._begun = False
         self._missing = 0
+        self._row = 0
         self._attempts = 0
         return self._run()
 
@@ -261,6 +264,10 @@ class Sampler:
         self._pin.irq(handler=None)
         self._sensor.sleep()
 
+    def pulsed(self):
+        """Whether a sample was announced that nobody has looked for."""
+        return self._count != self._seen
+
     def ready(self):
         """Whether a sample may wait.
 
@@ -280,42 +287,54 @@ class Sampler:
         bit for 1/8 s, the sensor is set up anew; SensorError where that fails or has been tried
         twice without a sample. A spike is dropped; so is every frozen sample but the first three.
         """
-        self._watch_bus()
+        # A call takes as long as a transfer's first bytes: what a sample only needs where something
+        # goes wrong, is called only then.
+        sensor = self._sensor
+        bus = self._bus
+        if bus.errors or bus.khz != FAST:
+            self._watch_bus()
         try:
-            flags = self._oldest() if self._sensor.fifo else self._newest()
+            flags = self._oldest() if sensor.fifo else self._newest()
         except OSError as error:
             self._fail(error.args[0] == ETIMEDOUT)
             return False
-        if flags < 0 or self._is_frozen(flags):
+        if flags < 0:
             return False
-        flags = self._without_spike(flags) & _FLAGS
-        if flags & _SPIKE:
+        if (flags & _ALIKE or self._alike or self._stuck) and self._is_frozen(flags):
             return False
+        sample = self.sample
+        if jumps(self._new, sample):
+            flags = self._without_spike(flags)
+            if flags & _SPIKE:
+                return False
+        flags &= _FLAGS
         if flags & _CLIPPED:
             self.clipped += 1
         lost = self._missing
-        if not lost and self._adjacent > 1 and returned(self._new, self.sample, self._before):
+        if not lost and self._adjacent > 1 and returned(self._new, sample, self._before):
             # Only now it shows that the last sample was one; it is with the core already.
             self.spikes += 1
             self._doubtful = True
         self._adjacent += 1
+        told = 0
         if lost or self._doubtful:
             flags |= _GAP_BEFORE
+            told = _LOST_MAX if self._doubtful else min(lost, _LOST_MAX)
+            self._doubtful = False
             self._adjacent = 1
             self.gaps += 1
             self.lost_samples += lost
-        told = _LOST_MAX if self._doubtful else min(lost, _LOST_MAX)
-        self._doubtful = False
-        adopt(self.sample, self._before, 0)
-        adopt(self._new, self.sample, flags | (told << 8))
+            self._missing = 0
+            self._row = 0
+        adopt(self._new, sample, self._before, flags | (told << 8))
         self.flags = flags
-        self.lost = max(lost, told)
+        self.lost = max(lost, told) if told else 0
         self.samples += 1
-        self._missing = 0
-        self._row = 0
         self._attempts = 0
         self._begun = True
-        self._check_compass()
+        self._patience += 1
+        if self._patience >= self._patience_max or sensor.compass.silent >= self._half_second:
+            self._check_compass()
         return True
 
     def period(self):
@@ -397,15 +416,16 @@ class Sampler:
     def _oldest(self):
         """The oldest sample in the FIFO; its flags, or -1 where there is none. OSError."""
         sensor = self._sensor
-        count = 0
-        stamp = 0
-        waiting = 0
-        for _ in range(3):
+        count = self._count
+        waiting = sensor.waiting()
+        stamp = self._stamp
+        tries = 2
+        while count != self._count and tries:
+            # A pulse in between: the newest sample need not be that of the stamp.
             count = self._count
             waiting = sensor.waiting()
             stamp = self._stamp
-            if count == self._count:
-                break  # no pulse in between: the newest sample is that of the stamp
+            tries -= 1
         fresh = (count - self._seen) & 0xFFFF
         self._seen = count
         if self._suspect:
@@ -453,10 +473,12 @@ class Sampler:
 
     def _pass_time(self, elapsed):
         self._ticks = ticks_add(self._ticks, elapsed)
-        self._since = min(self._since + elapsed, _SINCE_MAX)
+        since = self._since + elapsed
+        self._since = since if since < _SINCE_MAX else _SINCE_MAX
         low = self.time_low + elapsed
+        if low > 0xFFFF:
+            self.time_high = (self.time_high + (low >> 16)) & 0xFFFF
         self.time_low = low & 0xFFFF
-        self.time_high = (self.time_high + (low >> 16)) & 0xFFFF
 
     def _steps(self, least):
         """Sample periods since the last sample: how many samples there were, this one included.
@@ -524,12 +546,11 @@ class Sampler:
         return True
 
     def _without_spike(self, flags):
-        """The flags of the sample; _SPIKE where it is one, which is counted then."""
-        if self._row == _SPIKES_MAX and jumps(self._new, self.sample):
+        """The flags of a sample that jumps; _SPIKE where it is one, which is counted then."""
+        if self._row == _SPIKES_MAX:
             # It is none of them that was the spike, but what they were held against.
             self._doubtful = True
-        adjacent = self._begun and self._missing == self._row < _SPIKES_MAX
-        if not adjacent or not jumps(self._new, self.sample):
+        if not (self._begun and self._missing == self._row < _SPIKES_MAX):
             return flags
         if not self._sensor.fifo and self._count == self._seen:
             # It is still there: read once more, a bit may have been lost on the way only.
@@ -547,15 +568,12 @@ class Sampler:
     def _check_compass(self):
         """Find another way to a magnetometer that is silent, or one to it when it is back."""
         sensor = self._sensor
-        self._patience += 1
-        if sensor.compass_is_lost(self._half_second):
-            self._patience = 0
-        elif self._patience < _PATIENCE * self._half_second:
+        lost = sensor.compass_is_lost(self._half_second)
+        if not lost and self._patience < self._patience_max:
             return
-        else:
-            self._patience = 0
-            if not sensor.compass_is_back():
-                return
+        self._patience = 0
+        if not (lost or sensor.compass_is_back()):
+            return
         self._break_off()
         self._rely_on(sensor.reroute)
 

@@ -358,7 +358,7 @@ def test_a_crash_is_told() -> None:
     with SimulatedBoard(still()) as board:
         source = board.folder / "application.py"
         text = source.read_text(encoding="utf-8")
-        broken = text.replace("events = navigator.tick(", "events = 1 // 0 or navigator.tick(")
+        broken = text.replace("events = _tick(", "events = 1 // 0 or _tick(")
         assert broken != text
         source.write_text(broken, encoding="utf-8")
         with serial.Serial(board.port, 460800, timeout=0.5) as port:

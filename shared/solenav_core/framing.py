@@ -47,6 +47,22 @@ def stuff(frame: ptr8, length: int, out: ptr8, at: int) -> int:
 
 
 @micropython.viper
+def seal(frame: ptr8, kind: int, seq: int, tick: int, end: int, seed: int) -> int:
+    """The header before the payload in frame[HEADER:end], the CRC after it; the frame's length."""
+    frame[0] = kind & 255
+    frame[1] = seq & 255
+    i = 2
+    while i < 6:
+        frame[i] = tick & 255
+        tick = tick >> 8
+        i = i + 1
+    crc = int(crc16(frame, 0, end, seed))
+    frame[end] = crc & 255
+    frame[end + 1] = (crc >> 8) & 255
+    return end + 2
+
+
+@micropython.viper
 def unstuff(data: ptr8, length: int, out: ptr8) -> int:
     """Undo COBS of data[:length] (without the 0x00) into out; its length, or -1 if malformed."""
     i = 0

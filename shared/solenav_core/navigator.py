@@ -122,7 +122,8 @@ _WORDS = {name: words for name, words, _stage, _format in STATE_FIELDS}
 # What outlives a restart of the board, and so is worth saving.
 _KEPT = ("TICK", "MOUNT", "ATT", "POS", "CELL", "BIAS", "GRAVITY", "RNG", "STEPS", "DISTANCE")
 _KEPT += ("HEADING_LAST", "RESUMED", "MAG_NORM", "MAG_UP", "MAG_AZ")
-SAVED = sum([_WORDS[name] for name in _KEPT])
+_PLACES = array("i", [_AT[name] + i for name in _KEPT for i in range(_WORDS[name])])
+SAVED = len(_PLACES)
 _FRESH = ("MODE", "AL_COUNT", "AL_DONE", "AL_BEST", "RING_HEAD", "RING_FILL", "STILL_TICKS")
 _FRESH += ("STANCE", "OBSERVED", "GLRT_FILL", "STRIDE", "PAUSE", "MOTION")
 
@@ -141,24 +142,27 @@ def resume(state):
         state[_AT["RESUMED"]] += 1
 
 
+@micropython.viper
+def keep(s: ptr32, places: ptr32, words: ptr32, count: int) -> int:
+    """words[i] = s[places[i]]."""
+    i = 0
+    while i < count:
+        words[i] = s[places[i]]
+        i = i + 1
+    return count
+
+
 def save(state, words):
     """What `load` needs into `words`, `array('i')` of SAVED. False before the first start."""
-    at = 0
-    for name in _KEPT:
-        for i in range(_WORDS[name]):
-            words[at] = state[_AT[name] + i]
-            at += 1
+    keep(state, _PLACES, words, SAVED)
     return state[_AT["GRAVITY"]] != 0
 
 
 def load(state, words, ticks):
     """Resume from what `save` wrote, at most `ticks` ago; `state` is overwritten."""
     reset(state)
-    at = 0
-    for name in _KEPT:
-        for i in range(_WORDS[name]):
-            state[_AT[name] + i] = words[at]
-            at += 1
+    for at, place in enumerate(_PLACES):
+        state[place] = words[at]
     state[_AT["TICK"]] += ticks
     for i in range(3):
         for name in ("POS_LAST", "POS_REF", "POS_STEP"):
