@@ -136,7 +136,7 @@ class Application:
             if command:
                 self.obey(command)
             waiting = False
-            if self.sampling():
+            if self.mode in _SAMPLING:
                 waiting = self.take()
             elif ticks_diff(ticks_ms(), self.beat) >= 1000:
                 self.rest()

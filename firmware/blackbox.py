@@ -9,7 +9,7 @@ from errno import EEXIST
 from time import ticks_diff, ticks_ms, ticks_us
 
 import reports
-from outbox import Ring, frame_end
+from outbox import Ring, frame_end, room
 
 from solenav_core.compat import const
 from solenav_core.messages import (
@@ -117,12 +117,13 @@ class BlackBox:
             if not self.listening:
                 self.lost += 1
             return -1
-        at = self.ring.room(length)
+        ring = self.ring
+        at = room(ring.words, length, len(ring.buffer))
         if self.listening and not self._left:
             # Old frames go, and so many that there is room for new ones until the file is open.
-            while at < 0 or self.ring.used + length > self._memory:
+            while at < 0 or ring.used + length > self._memory:
                 self._forget()
-                at = self.ring.room(length)
+                at = room(ring.words, length, len(ring.buffer))
         if at < 0:
             self.lost += 1
             return -1
@@ -157,7 +158,7 @@ class BlackBox:
             # Here and not where it came up: a LOG needs room in the ring as well.
             text, self._complaint = self._complaint, ""
             reports.log(self._link, tick, _WARNING, text)
-        if not self._on or self._full or ticks_diff(now, self._rested) < _REST_MS:
+        if self._full or not self._on or ticks_diff(now, self._rested) < _REST_MS:
             return False
         began = ticks_us()
         worked = self._try(now)

@@ -3,7 +3,7 @@
 from struct import pack_into
 from time import sleep_ms, ticks_diff, ticks_ms
 
-from outbox import Outbox
+from outbox import Outbox, grow
 
 from solenav_core.compat import const
 from solenav_core.framing import (
@@ -55,7 +55,7 @@ class Link:
         self._counted = ticks_ms()  # when the credit was counted last
         # Ends whatever noise the line made while the board was off.
         self.outbox.buffer[self.outbox.place(ACK, 1)] = 0
-        self.outbox.add(1)
+        grow(self.outbox.words, 1)
 
     def send(self, kind, tick, end):
         """Queue frame[:end] as a message of type `kind`; dropped and counted if there's no room."""
@@ -71,11 +71,11 @@ class Link:
         end = seal(frame, kind, seq, tick, end, STANDARD_SEED if kind in OPEN else SCHEMA)
         if at >= 0:
             self._seq = (seq + 1) & 255
-            outbox.add(stuff(frame, end, outbox.buffer, at) - at)
+            grow(outbox.words, stuff(frame, end, outbox.buffer, at))
         if kept >= 0:
             # Stuffed twice, as copying one stretch of bytes into another would allocate.
             ring = box.ring
-            ring.add(stuff(frame, end, ring.buffer, kept) - kept)
+            grow(ring.words, stuff(frame, end, ring.buffer, kept))
 
     def pump(self):
         """Let the UART take what it can."""

@@ -1,6 +1,8 @@
 """Bytes on their way to the UART: a ring in which the least important frames go first."""
 
-from solenav_core.compat import micropython, ptr8
+from array import array
+
+from solenav_core.compat import const, micropython, ptr8, ptr32
 from solenav_core.messages import FILE_DATA, POSE, SAMPLE, SNAPSHOT
 
 _SIZE = 11264
@@ -12,6 +14,15 @@ _POSE_SHARE = 6144
 _DOWNLOAD_SHARE = 6656
 _SNAPSHOT_SHARE = 10752
 
+# What a ring knows, in words: each frame is placed by machine code.
+_USED = const(0)  # bytes that wait
+_TAIL = const(1)  # first byte that hasn't been taken
+_HEAD = const(2)  # where the next frame goes
+_TOP = const(3)  # end of the bytes at the tail, while the head is before it
+_WRAPPED = const(4)
+_CAPACITY = const(5)
+_WORDS = const(6)
+
 
 @micropython.viper
 def frame_end(data: ptr8, at: int) -> int:
@@ -21,55 +32,73 @@ def frame_end(data: ptr8, at: int) -> int:
     return at + 1
 
 
+@micropython.viper
+def room(words: ptr32, length: int, share: int) -> int:
+    """Where a frame of `length` bytes may be written; -1: nowhere, or past `share` bytes in all."""
+    if words[_USED] + length > share:
+        return -1
+    head = words[_HEAD]
+    if words[_WRAPPED]:
+        if head + length <= words[_TAIL]:
+            return head
+        return -1
+    if head + length <= words[_CAPACITY]:
+        return head
+    if length <= words[_TAIL]:
+        words[_WRAPPED] = 1
+        words[_TOP] = head
+        words[_HEAD] = 0
+        return 0
+    return -1
+
+
+@micropython.viper
+def grow(words: ptr32, end: int) -> int:
+    """A frame was written where `room` said, up to `end`; the bytes that wait now."""
+    used = words[_USED] + end - words[_HEAD]
+    words[_USED] = used
+    words[_HEAD] = end
+    return used
+
+
 class Ring:
     """Whole frames in one buffer, never split at its end, so that each stretch is one piece.
 
-    `used` bytes wait; the oldest are buffer[tail:stop()].
+    `used` bytes wait; the oldest are buffer[tail:stop()]. `room` and `grow` take `words`.
     """
 
     def __init__(self, size):
         self.buffer = bytearray(size)
-        self.used = 0
-        self.tail = 0  # first byte that hasn't been taken
-        self._size = size
-        self._head = 0  # where the next frame goes
-        self._top = 0  # end of the bytes at the tail, while the head is before it
-        self._wrapped = False
+        self.words = array("i", bytes(4 * _WORDS))
+        self.words[_CAPACITY] = size
 
-    def room(self, length):
-        """Where in `buffer` a frame of `length` bytes may be written; -1: nowhere."""
-        if self._wrapped:
-            if self._head + length <= self.tail:
-                return self._head
-        elif self._head + length <= self._size:
-            return self._head
-        elif length <= self.tail:
-            self._wrapped = True
-            self._top = self._head
-            self._head = 0
-            return 0
-        return -1
+    @property
+    def used(self):
+        """Bytes that wait."""
+        return self.words[_USED]
 
-    def add(self, length):
-        """`length` bytes were written where `room` said."""
-        self._head += length
-        self.used += length
+    @property
+    def tail(self):
+        """Place of the first byte that hasn't been taken."""
+        return self.words[_TAIL]
 
     def stop(self):
         """Where the oldest stretch in one piece ends."""
-        return self._top if self._wrapped else self._head
+        words = self.words
+        return words[_TOP] if words[_WRAPPED] else words[_HEAD]
 
     def take(self, length):
         """Let go of the oldest `length` bytes, at most up to `stop`."""
+        words = self.words
         stop = self.stop()
-        self.used -= length
-        self.tail += length
-        if self.tail == stop:
-            self.tail = 0
-            if self._wrapped:
-                self._wrapped = False
+        words[_USED] -= length
+        words[_TAIL] += length
+        if words[_TAIL] == stop:
+            words[_TAIL] = 0
+            if words[_WRAPPED]:
+                words[_WRAPPED] = 0
             else:
-                self._head = 0
+                words[_HEAD] = 0
 
 
 class Outbox(Ring):
@@ -96,7 +125,7 @@ class Outbox(Ring):
             share = _DOWNLOAD_SHARE
         elif kind == SNAPSHOT:
             share = _SNAPSHOT_SHARE
-        at = self.room(length) if self.used + length <= share else -1
+        at = room(self.words, length, share)
         if at < 0:
             self.dropped[rank] += 1
         return at
@@ -107,8 +136,10 @@ class Outbox(Ring):
 
     def drain(self, uart):
         """Give the UART what it takes now; True when nothing is left."""
-        while self.used:
-            taken = uart.write(self.buffer, self.tail, self.stop() - self.tail)
+        words = self.words
+        while words[_USED]:
+            tail = words[_TAIL]
+            taken = uart.write(self.buffer, tail, self.stop() - tail)
             if not taken:
                 return False
             self.take(taken)

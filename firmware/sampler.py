@@ -3,6 +3,7 @@
 Data-ready interrupts and time stamps, lost samples, spikes, frozen data, bus errors.
 """
 
+from array import array
 from errno import ETIMEDOUT
 from time import ticks_add, ticks_diff, ticks_us
 
@@ -41,6 +42,12 @@ _INTERVALS_GOOD = const(64)
 _SINCE_MAX = const(1 << 29)  # µs: longest time between samples that is told from a longer one
 _SHORT = const(1 << 21)  # µs: in Q8 it fits a small int
 _SILENCE_MIN = const(50_000)  # µs
+
+# Time, in words: it passes by machine code, with each sample.
+_SINCE = const(0)  # µs from the last sample, read or lost, to `_ticks`
+_LOW = const(1)  # of the sample's time, 16 bits each
+_HIGH = const(2)
+_TIMES = const(3)
 
 # Each failed transfer is worth so many good ones; above the limit the bus is slowed down.
 _STRAIN = const(64)
@@ -144,13 +151,25 @@ def adopt(new: ptr32, sample: ptr32, before: ptr32, flags: int) -> int:
     return 0
 
 
+@micropython.viper
+def pass_time(times: ptr32, elapsed: int) -> int:
+    """Let `elapsed` µs pass (at most 2**29); the time since the last sample."""
+    since = times[_SINCE] + elapsed
+    if since > _SINCE_MAX:
+        since = _SINCE_MAX
+    times[_SINCE] = since
+    low = times[_LOW] + elapsed
+    times[_LOW] = low & 0xFFFF
+    times[_HIGH] = (times[_HIGH] + (low >> 16)) & 0xFFFF
+    return since
+
+
 class Sampler:
     """Samples in their order, one a `read`; counts everything that goes wrong.
 
     After `read` has returned True: `sample` (the core's), `flags` (those of SAMPLE), `lost`
     (samples lost just before this one; the most that SAMPLE can say where the last was a spike),
-    and its time in µs modulo 2**32, in halves: `time_high`, `time_low`. Nothing is allocated per
-    sample.
+    and its time (`time`; in halves `time_high`, `time_low`). Nothing is allocated per sample.
 
     With `fifo` the sensor's FIFO says which samples there are, and the pulses when they were;
     without, each pulse is a sample to be read before the next one.
@@ -158,8 +177,6 @@ class Sampler:
 
     def __init__(self, sensor, pin, rate_mhz, fifo=True, dlpf=1, compass=True):
         self.sample = new_sample()
-        self.time_high = 0
-        self.time_low = 0
         self.flags = 0
         self.lost = 0
         self.samples = 0
@@ -188,7 +205,7 @@ class Sampler:
         self._stamp = 0  # ticks_us of the last pulse
         self._seen = 0  # pulses that were looked at
         self._ticks = ticks_us()  # to which time has been counted
-        self._since = 0  # µs from the last sample, read or lost, to `_ticks`
+        self._times = array("i", bytes(4 * _TIMES))
         self._more = False  # samples wait in the FIFO
         self._begun = False
         self._sure = False  # the last sample's time is that of its own pulse
@@ -214,6 +231,14 @@ class Sampler:
     def time(self):
         """Of the sample, µs modulo 2**32. Allocates above 2**30; the halves don't."""
         return (self.time_high << 16) | self.time_low
+
+    @property
+    def time_high(self):
+        return self._times[_HIGH]
+
+    @property
+    def time_low(self):
+        return self._times[_LOW]
 
     @property
     def bus_errors(self):
@@ -457,10 +482,11 @@ class Sampler:
         # A stamp may be late, where interrupts had to wait, and then stand for many pulses: it
         # counts where it is surely this sample's own.
         elapsed = period
-        if own or self._broken:
+        broken = self._broken
+        if own or broken:
             elapsed = max(0, ticks_diff(stamp, self._ticks) - (waiting - 1) * period)
         self._pass_time(elapsed)
-        self._account(self._steps(1) if self._broken else 1, own)
+        self._account(self._steps(1) if broken else 1, own)
         self._broken = False
         return flags
 
@@ -473,12 +499,7 @@ class Sampler:
 
     def _pass_time(self, elapsed):
         self._ticks = ticks_add(self._ticks, elapsed)
-        since = self._since + elapsed
-        self._since = since if since < _SINCE_MAX else _SINCE_MAX
-        low = self.time_low + elapsed
-        if low > 0xFFFF:
-            self.time_high = (self.time_high + (low >> 16)) & 0xFFFF
-        self.time_low = low & 0xFFFF
+        pass_time(self._times, elapsed)
 
     def _steps(self, least):
         """Sample periods since the last sample: how many samples there were, this one included.
@@ -486,7 +507,7 @@ class Sampler:
         A stamp may be late by most of a period, but not early. So time is rounded down, short of
         what the period is known to.
         """
-        since = self._since
+        since = self._times[_SINCE]
         period = self._period >> _FRACTION
         if since >= _SHORT:
             return max(since // period, least)
@@ -501,10 +522,10 @@ class Sampler:
         if not self._begun:
             steps = 1
         elif own and self._sure and steps == 1:
-            self._learn(self._since)
+            self._learn(self._times[_SINCE])
         self._missing += steps - 1
         self._sure = own
-        self._since = 0
+        self._times[_SINCE] = 0
 
     def _learn(self, interval):
         """Running mean of the sample period: each interval counts 1/n, n up to 4096."""

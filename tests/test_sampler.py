@@ -774,8 +774,10 @@ link = Link()
 sensor = Mpu9150(Bus(Board(lambda freq: I2C(), 0, 0, pin, None, "", 0, None)))
 sensor.wake()
 sampler = Sampler(sensor, pin, 200000, fifo=FIFO)
+for _ in range(8):
+    Time.now = (Time.now + 0x1FFE0000) & 0x3FFFFFFF
+    sampler.keep_time()  # to where the time's upper half is about to wrap
 sampler.start()
-sampler.time_high = 0xFFF0
 new = 0
 
 

@@ -76,7 +76,10 @@ def unstuff(data: ptr8, length: int, out: ptr8) -> int:
             n = n + 1
         j = 1
         while j < code:
-            out[n] = data[i + j]
+            byte = data[i + j]
+            if byte == 0:
+                return -1
+            out[n] = byte
             n = n + 1
             j = j + 1
         i = i + code
