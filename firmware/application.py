@@ -26,6 +26,8 @@ from solenav_core.params import NAMES
 
 _INFO, _WARNING, _ERROR = 0, 1, 2
 _DOZES = 3
+_POSES = 1  # in outbox.dropped
+_BEHIND = 16  # samples that wait: the FIFO holds 46, and no pose is worth one
 _CHECKS = 20  # of the sensor's settings, in a second: 1 ms each, of the bus and of the processor
 _AT = offsets(STATE_FIELDS)
 _TICK = _AT["TICK"]
@@ -231,7 +233,11 @@ class Application:
             self.tell(events, tick)
         every = self.pose_every
         if every and tick % every == 0 and state[_MODE]:
-            link.send(_POSE, tick, _pack_pose(link.frame, HEADER, state, params))
+            if sampler.backlog < _BEHIND:
+                link.send(_POSE, tick, _pack_pose(link.frame, HEADER, state, params))
+            else:
+                # Rather a pose too few than a sample.
+                link.outbox.dropped[_POSES] += 1
         due = self.snapshot_ticks and tick % self.snapshot_ticks == 0
         if due or self.snapshot_asked:
             self.snapshot_asked = False

@@ -104,7 +104,7 @@ class Ring:
 class Outbox(Ring):
     """What the UART hasn't taken yet.
 
-    `dropped` counts frames that found no room: SAMPLE, POSE, others.
+    `dropped` counts frames that found no room, and poses left out: SAMPLE, POSE, others.
     """
 
     def __init__(self):

@@ -188,6 +188,7 @@ class Sampler:
         self.spikes = 0
         self.frozen = 0
         self.fifo_overflows = 0
+        self.backlog = 0  # samples that wait in the FIFO behind the one read last
         self.intervals = 0  # that the learned period rests on
         self._sensor = sensor
         self._bus = sensor.bus
@@ -206,7 +207,6 @@ class Sampler:
         self._seen = 0  # pulses that were looked at
         self._ticks = ticks_us()  # to which time has been counted
         self._times = array("i", bytes(4 * _TIMES))
-        self._more = False  # samples wait in the FIFO
         self._begun = False
         self._sure = False  # the last sample's time is that of its own pulse
         self._broken = False  # the FIFO doesn't go on where it ended: time tells what is lost
@@ -298,7 +298,7 @@ class Sampler:
 
         After ten sample periods without a pulse the sensor is set up anew, twice; then SensorError.
         """
-        if self._more or self._count != self._seen:
+        if self.backlog or self._count != self._seen:
             return True
         silence = ticks_diff(ticks_us(), self._stamp)
         if silence > _SILENT_PERIODS * (self._period >> _FRACTION) and silence > _SILENCE_MIN:
@@ -404,7 +404,7 @@ class Sampler:
     def _break_off(self):
         """What the sensor has and what is known of it no longer fit."""
         self._seen = self._count
-        self._more = False
+        self.backlog = 0
         self._sure = False
         self._broken = True
 
@@ -465,7 +465,7 @@ class Sampler:
             self._lack(fresh)
             return -1
         if waiting == 0:
-            self._more = False
+            self.backlog = 0
             self._lack(fresh)
             return -1
         try:
@@ -476,7 +476,7 @@ class Sampler:
             raise
         self._failures = 0
         self._empty = 0
-        self._more = waiting > 1
+        self.backlog = waiting - 1
         period = self._period >> _FRACTION
         own = waiting == 1 and fresh == 1
         # A stamp may be late, where interrupts had to wait, and then stand for many pulses: it
@@ -626,7 +626,7 @@ class Sampler:
         if self._sensor.fifo:
             most = _FIFO_FAILURES_MAX
             self._seen = self._count
-            self._more = self._failures == 1
+            self.backlog = 1 if self._failures == 1 else 0
         if self._failures >= most or stuck:
             self._failures = 0
             self._anew("the sensor's transfers fail: check SDA, SCL")

@@ -49,7 +49,10 @@ def emulate(
         Path | None,
         typer.Option("-o", "--output", help="Record the walk here, as fast as it goes; no ports."),
     ] = None,
-    pose_every: Annotated[int, typer.Option(min=1, help="A POSE on every n-th tick.")] = 1,
+    pose_every: Annotated[
+        int | None,
+        typer.Option(min=1, help="A POSE on every n-th tick.  [default: as a board: 4]"),
+    ] = None,
     config: Annotated[
         Path | None, typer.Option(help="More of the firmware's config.json, as a file.")
     ] = None,
@@ -124,7 +127,7 @@ def _record(
     uf2: Path,
     source: capture.Capture,
     output: Path,
-    pose_every: int,
+    pose_every: int | None,
     config: dict[str, Any],
     faults: list[dict[str, Any]],
     as_json: bool,
@@ -159,7 +162,7 @@ def _record(
 def _serve(
     uf2: Path,
     source: capture.Capture,
-    pose_every: int,
+    pose_every: int | None,
     config: dict[str, Any],
     faults: list[dict[str, Any]],
     tcp: int | None,

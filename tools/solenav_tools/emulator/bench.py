@@ -24,7 +24,6 @@ from solenav_tools.emulator import image, run
 from solenav_tools.emulator.pico import EmulatedPico
 from solenav_tools.emulator.profile import EACH, Profile, Tick
 
-POSE_EVERY = 4
 THUMB_TICKS = 1500  # it makes some twenty a second
 _STANCE = layout.offsets(layout.STATE_FIELDS)["STANCE"]
 _HEAP_S = 4.5  # of a walk, to look at the heap: two whole seconds after the static start
@@ -98,7 +97,7 @@ def on_pico(
                         "the core's machine code isn't in the board's memory", "report it"
                     )
 
-        run.record(uf2, source, made_at, pose_every=POSE_EVERY, progress=progress, watch=watch)
+        run.record(uf2, source, made_at, progress=progress, watch=watch)
         made = capture.load(made_at)
         if not len(made.poses):
             raise SolenavError("the board never navigated", "give it more seconds", 1)
@@ -128,7 +127,7 @@ def heap(uf2: Path, progress: Callable[[int], None] = lambda ms: None) -> dict[s
     """The heap in a walk at 200 Hz: bytes free, allocated per tick, and a collection's pause."""
     with tempfile.TemporaryDirectory(prefix="solenav-bench-") as name:
         source = _walk(Path(name), _HEAP_S, 200.0)
-        settings = run.settings_for(source, POSE_EVERY)
+        settings = run.settings_for(source)
         files = image.files(run.file_system(settings))
         text = files["main.py"].decode()
         if text.count(_BEFORE) != 1:

@@ -79,9 +79,10 @@ def file_system(config: Mapping[str, Any]) -> bytes:
         return image.build(folder)
 
 
-def settings_for(source: Capture, pose_every: int) -> dict[str, Any]:
-    """The config.json for a capture: its parameters, poses so often."""
-    return {"params": parameters.named(source.params[0][1]), "pose_every": pose_every}
+def settings_for(source: Capture, pose_every: int | None = None) -> dict[str, Any]:
+    """The config.json for a capture: its parameters, poses so often (None: as the firmware's)."""
+    often = {} if pose_every is None else {"pose_every": pose_every}
+    return {"params": parameters.named(source.params[0][1]), **often}
 
 
 def record(
@@ -89,7 +90,7 @@ def record(
     source: Capture,
     output: Path,
     *,
-    pose_every: int,
+    pose_every: int | None = None,
     config: Mapping[str, Any] | None = None,
     sensor: str = "MPU-9150",
     faults: Sequence[Mapping[str, Any]] = (),
