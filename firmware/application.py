@@ -44,6 +44,7 @@ _TOLD = navigator.ALIGNED | navigator.STEP | navigator.LOCKED_OUT
 _tick = navigator.tick
 _pack_pose = messages.pack_pose
 _sample = reports.sample
+_idle = machine.idle
 _BRIDGE = NAMES.index("BRIDGE_TICKS")
 
 
@@ -100,6 +101,7 @@ class Application:
         self.complaint = ""
         self.failed_test, self.failed_name = failed_test
         self.beat = ticks_ms()
+        self.looked = -1  # tick after which there was nothing else to do
         self.commands = {
             messages.ASK_HELLO: self.announce,
             messages.ASK_START: self.start,
@@ -145,7 +147,13 @@ class Application:
                 if self.injection.watch():
                     self.log(_WARNING, "the host that injected samples fell silent")
             self.link.pump()
-            if not (waiting or self.spare(tick)):
+            if waiting:
+                continue
+            # While samples come, one look for work after each is enough, until there was some.
+            if tick == self.looked and self.mode in _SAMPLING:
+                self.doze()
+            elif not self.spare(tick):
+                self.looked = tick
                 self.doze()
 
     def boot(self):
@@ -203,11 +211,13 @@ class Application:
 
     def doze(self):
         """Let the processor sleep: until an interrupt, or for a millisecond or two."""
+        sampling = self.sampling()
+        sampler = self.sampler
         # An RP2040's first idle() sets an alarm, which is an event by itself; the third one sleeps.
         for _ in range(_DOZES):
-            if self.sampling() and self.sampler.pulsed():
+            if sampling and sampler.pulsed():
                 return
-            machine.idle()
+            _idle()
 
     def advance(self):
         """One sample through the core, and the messages that it gives rise to."""

@@ -47,7 +47,10 @@ _SILENCE_MIN = const(50_000)  # µs
 _SINCE = const(0)  # µs from the last sample, read or lost, to `_ticks`
 _LOW = const(1)  # of the sample's time, 16 bits each
 _HIGH = const(2)
-_TIMES = const(3)
+_PERIOD = const(3)  # of samples, learned; µs, Q12
+_REST = const(4)  # of it: what division left
+_INTERVALS = const(5)  # that it rests on
+_TIMES = const(6)
 
 # Each failed transfer is worth so many good ones; above the limit the bus is slowed down.
 _STRAIN = const(64)
@@ -164,6 +167,42 @@ def pass_time(times: ptr32, elapsed: int) -> int:
     return since
 
 
+@micropython.viper
+def learn(times: ptr32, interval: int) -> int:
+    """Running mean of the sample period: an interval counts 1/n, powers of two up to 1/4096.
+
+    0 where a late stamp isn't taken.
+    """
+    period = times[_PERIOD]
+    off = interval - (period >> _FRACTION)
+    if off < 0:
+        off = 0 - off
+    if off > period >> (_FRACTION + 3):
+        return 0
+    n = times[_INTERVALS] + 1
+    if n > _INTERVALS_MAX:
+        n = _INTERVALS_MAX
+    times[_INTERVALS] = n
+    shift = 0
+    while n > 1:
+        n = n >> 1
+        shift = shift + 1
+    change = (interval << _FRACTION) - period + times[_REST]
+    times[_PERIOD] = period + (change >> shift)
+    times[_REST] = change & ((1 << shift) - 1)
+    return 1
+
+
+@micropython.viper
+def follow(times: ptr32, elapsed: int, learning: int) -> int:
+    """A sample has come `elapsed` µs later, the next one after the last."""
+    since = int(pass_time(times, elapsed))
+    if learning:
+        int(learn(times, since))
+    times[_SINCE] = 0
+    return since
+
+
 class Sampler:
     """Samples in their order, one a `read`; counts everything that goes wrong.
 
@@ -189,7 +228,6 @@ class Sampler:
         self.frozen = 0
         self.fifo_overflows = 0
         self.backlog = 0  # samples that wait in the FIFO behind the one read last
-        self.intervals = 0  # that the learned period rests on
         self._sensor = sensor
         self._bus = sensor.bus
         self._pin = pin
@@ -197,8 +235,6 @@ class Sampler:
         self._new = new_sample()
         self._before = new_sample()  # the sample before the last
         self._adjacent = 0  # samples since the last hole
-        self._period = (1_000_000_000 << _FRACTION) // rate_mhz
-        self._rest = 0  # of the learned period: what division left
         self._half_second = max(20, rate_mhz // 2000)  # samples
         self._patience_max = _PATIENCE * self._half_second
         self._alike_max = max(5, rate_mhz // 8000)  # 1/8 s
@@ -207,6 +243,7 @@ class Sampler:
         self._seen = 0  # pulses that were looked at
         self._ticks = ticks_us()  # to which time has been counted
         self._times = array("i", bytes(4 * _TIMES))
+        self._times[_PERIOD] = (1_000_000_000 << _FRACTION) // rate_mhz
         self._begun = False
         self._sure = False  # the last sample's time is that of its own pulse
         self._broken = False  # the FIFO doesn't go on where it ended: time tells what is lost
@@ -239,6 +276,11 @@ class Sampler:
     @property
     def time_low(self):
         return self._times[_LOW]
+
+    @property
+    def intervals(self):
+        """That the learned period rests on."""
+        return self._times[_INTERVALS]
 
     @property
     def bus_errors(self):
@@ -301,7 +343,7 @@ class Sampler:
         if self.backlog or self._count != self._seen:
             return True
         silence = ticks_diff(ticks_us(), self._stamp)
-        if silence > _SILENT_PERIODS * (self._period >> _FRACTION) and silence > _SILENCE_MIN:
+        if silence > _SILENCE_MIN and silence > _SILENT_PERIODS * self._period():
             self._anew("no data-ready pulse for ten sample periods: check the INT wire")
         return False
 
@@ -364,7 +406,7 @@ class Sampler:
 
     def period(self):
         """The learned sample period, Q8 µs."""
-        return self._period >> (_FRACTION - 8)
+        return self._times[_PERIOD] >> (_FRACTION - 8)
 
     def temperature(self):
         """Of the sample read last: 340 counts a °C, 0 at 35 °C."""
@@ -389,7 +431,7 @@ class Sampler:
         if self._count == self._seen:
             self._stamp = ticks_us()  # silence counts from here
         if not self.intervals:
-            self._period = (1_000_000_000 << _FRACTION) // rate
+            self._times[_PERIOD] = (1_000_000_000 << _FRACTION) // rate
         self._errors = self._bus.errors - self._sensor.compass.errors
         return rate
 
@@ -477,18 +519,24 @@ class Sampler:
         self._failures = 0
         self._empty = 0
         self.backlog = waiting - 1
-        period = self._period >> _FRACTION
         own = waiting == 1 and fresh == 1
+        if self._broken:
+            self._broken = False
+            elapsed = ticks_diff(stamp, self._ticks) - (waiting - 1) * self._period()
+            self._pass_time(max(0, elapsed))
+            self._account(self._steps(1), own)
+            return flags
         # A stamp may be late, where interrupts had to wait, and then stand for many pulses: it
         # counts where it is surely this sample's own.
-        elapsed = period
-        broken = self._broken
-        if own or broken:
-            elapsed = max(0, ticks_diff(stamp, self._ticks) - (waiting - 1) * period)
-        self._pass_time(elapsed)
-        self._account(self._steps(1) if broken else 1, own)
-        self._broken = False
+        elapsed = max(0, ticks_diff(stamp, self._ticks)) if own else self._period()
+        self._ticks = ticks_add(self._ticks, elapsed)
+        follow(self._times, elapsed, own and self._sure and self._begun)
+        self._sure = own
         return flags
+
+    def _period(self):
+        """The learned sample period, in whole µs."""
+        return self._times[_PERIOD] >> _FRACTION
 
     def _lack(self, fresh):
         """No sample in the FIFO, or parts of some, though there were pulses. SensorError."""
@@ -508,10 +556,10 @@ class Sampler:
         what the period is known to.
         """
         since = self._times[_SINCE]
-        period = self._period >> _FRACTION
+        period = self._period()
         if since >= _SHORT:
             return max(since // period, least)
-        exact = self._period >> (_FRACTION - 8)
+        exact = self.period()
         slack = exact >> 3
         if self.intervals >= _INTERVALS_GOOD:
             slack = (exact >> 6) + (since >> 3)  # 1/2048
@@ -522,22 +570,10 @@ class Sampler:
         if not self._begun:
             steps = 1
         elif own and self._sure and steps == 1:
-            self._learn(self._times[_SINCE])
+            learn(self._times, self._times[_SINCE])
         self._missing += steps - 1
         self._sure = own
         self._times[_SINCE] = 0
-
-    def _learn(self, interval):
-        """Running mean of the sample period: each interval counts 1/n, n up to 4096."""
-        period = self._period
-        eighth = period >> (_FRACTION + 3)
-        if abs(interval - (period >> _FRACTION)) > eighth:
-            return  # a late stamp
-        n = min(self.intervals + 1, _INTERVALS_MAX)
-        self.intervals = n
-        change = (interval << _FRACTION) - period + self._rest
-        self._period = period + change // n
-        self._rest = change % n
 
     def _is_frozen(self, flags):
         """Whether the sample is one of frozen data; then it is lost.

@@ -28,6 +28,7 @@ from solenav_core.particles import stir, update
 from solenav_core.qmath import clamp
 from solenav_core.steps import stood, swung
 from solenav_core.strapdown import propagate, recentre
+from solenav_core.words import blank, pick
 
 # What `tick` returns: bits.
 ALIGNED = 1  # a static start was taken on this tick; a better one may follow
@@ -113,8 +114,7 @@ def forest_hash(tables):
 
 def reset(state):
     """Back to before the first sample."""
-    for i in range(len(state)):
-        state[i] = 0
+    blank(state, len(state))
 
 
 _AT = offsets(STATE_FIELDS)
@@ -142,19 +142,9 @@ def resume(state):
         state[_AT["RESUMED"]] += 1
 
 
-@micropython.viper
-def keep(s: ptr32, places: ptr32, words: ptr32, count: int) -> int:
-    """words[i] = s[places[i]]."""
-    i = 0
-    while i < count:
-        words[i] = s[places[i]]
-        i = i + 1
-    return count
-
-
 def save(state, words):
     """What `load` needs into `words`, `array('i')` of SAVED. False before the first start."""
-    keep(state, _PLACES, words, SAVED)
+    pick(state, _PLACES, words, SAVED)
     return state[_AT["GRAVITY"]] != 0
 
 
