@@ -27,7 +27,7 @@ from solenav_core.params import NAMES
 _INFO, _WARNING, _ERROR = 0, 1, 2
 _DOZES = 3
 _POSES = 1  # in outbox.dropped
-_BEHIND = 16  # samples that wait: the FIFO holds 46, and no pose is worth one
+_BEHIND = 28  # samples that wait: the FIFO holds 46, and no pose is worth one
 _CHECKS = 20  # of the sensor's settings, in a second: 1 ms each, of the bus and of the processor
 _AT = offsets(STATE_FIELDS)
 _TICK = _AT["TICK"]

@@ -341,6 +341,19 @@ def test_without_the_fifo_it_costs_its_samples() -> None:
     assert client.messages[-1].tick == N - 1
 
 
+def test_poses_are_left_out_before_a_sample_is_lost() -> None:
+    """For 0.2 s the processor did something else: 40 samples wait in a FIFO that holds 46."""
+    feed = still()
+    hang = {"kind": "hang", "at": 500 * PERIOD, "for": 40 * PERIOD}
+    client = run(feed, {"pose_every": 1}, faults=[hang])
+    assert [of_sample(m) for m in client.named("SAMPLE")] == list(map(tuple, feed.counts.tolist()))
+    ticks = [m.tick for m in client.named("POSE")]
+    missing = sorted(set(range(ALIGN_TICKS, N + 1)) - set(ticks))
+    assert 5 < len(missing) < 20 and missing == list(range(missing[0], missing[-1] + 1))
+    status = client.named("STATUS")[-1].fields
+    assert (status["lost"], status["dropped_poses"]) == (0, len(missing))
+
+
 def test_a_bus_failure_that_lasts() -> None:
     feed = still()
     client = run(feed, faults=silence(400, 600))

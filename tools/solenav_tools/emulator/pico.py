@@ -28,7 +28,7 @@ from solenav_tools.emulator.workarounds import (
 )
 
 _TURN_NS = 1e6  # from one look at what comes from outside to the next
-_DRAIN_S = 0.1  # after the last sample, for the FIFO
+_DRAIN_S = 0.3  # after the last sample, for a full FIFO
 
 # Faults of a script that this board can't have.
 _NOT_HERE = ("flash_full",)
