@@ -32,6 +32,7 @@ from solenav_tools.emulator import image, ports, run, uf2, workarounds
 from solenav_tools.emulator.pico import EmulatedPico
 from solenav_tools.emulator.sensor import Wiring
 from solenav_tools.emulator.workarounds import PacedUart
+from solenav_tools.staging import switch
 
 MPU = 0x68
 I2C, UART = 0x40044000, 0x40034000
@@ -311,14 +312,8 @@ def test_what_nobody_reads_in_time_is_lost_and_counted(bench: Bench) -> None:
         max_size=6,
     )
 )
-def test_an_image_gives_back_the_files_that_it_was_made_of(
-    tmp_path_factory: pytest.TempPathFactory, files: dict[str, bytes]
-) -> None:
-    folder = tmp_path_factory.mktemp("files")
-    for name, data in files.items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_bytes(data)
-    made = image.build(folder)
+def test_an_image_gives_back_the_files_that_it_was_made_of(files: dict[str, bytes]) -> None:
+    made = image.build(files)
     assert len(made) == image.BLOCK * image.BLOCKS
     assert image.files(made) == files
 
@@ -327,7 +322,9 @@ def test_what_is_staged_is_compiled_and_fits_a_pico() -> None:
     files = image.files(run.file_system({"pose_every": 2}))
     sources = [name for name in files if name.endswith(".py")]
     assert sources == ["main.py"]
-    assert {"application.mpy", "boards/rp2_pico.mpy", "solenav_core/particles.mpy"} <= set(files)
+    assert files["main.py"] == switch() and files["active"] == b"a"
+    tree = {"main.mpy", "application.mpy", "boards/rp2_pico.mpy", "solenav_core/particles.mpy"}
+    assert {f"a/{name}" for name in tree} <= set(files)
     assert b"pose_every" in files["config.json"]
     # Notes for people stay at home.
     assert b"meaning" not in b"".join(files.values())

@@ -10,6 +10,7 @@ so that neighbouring rows are not neighbours of the sequence.
 from __future__ import annotations
 
 import sys
+from array import array
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from scipy.stats import qmc
 
 TARGET = Path(__file__).resolve().parents[2] / "shared/solenav_core/tables/lookup.py"
 SEED = 2020
+_PER_LINE = 20  # bytes
 
 
 def exp2() -> list[int]:
@@ -46,20 +48,17 @@ def render() -> str:
         "",
         "from array import array",
         "",
-        "# EXP2 (257), ATAN (16), GAUSS (300), as `layout.TABLE_FIELDS` lists them.",
+        "# EXP2 (257), ATAN (16), GAUSS (300), as `layout.TABLE_FIELDS` lists them. Bytes, as a list",
+        "# of so many numbers takes a board three times the room to load.",
         "TABLES = array(",
         '    "i",',
-        "    [",
     ]
-    values = exp2() + atan() + gauss()
-    line = "       "
-    for value in values:
-        if len(line) + len(f" {value},") > 100:
-            lines.append(line)
-            line = "       "
-        line += f" {value},"
-    lines += [line, "    ],", ")", ""]
-    return "\n".join(lines)
+    data = array("i", exp2() + atan() + gauss()).tobytes()
+    for at in range(0, len(data), _PER_LINE):
+        lines.append(
+            '    b"' + "".join(f"\\x{byte:02x}" for byte in data[at : at + _PER_LINE]) + '"'
+        )
+    return "\n".join([*lines, ")", ""])
 
 
 if __name__ == "__main__":

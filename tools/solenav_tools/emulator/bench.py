@@ -16,6 +16,7 @@ from solenav import capture, importing
 from solenav.capture import Capture
 from solenav.engines.device_form import kernel_modules
 from solenav.engines.thumb import ThumbEngine
+from solenav.engines.thumb.compiler import compiled
 from solenav.errors import SolenavError
 from solenav.link import Damage, FrameReader
 from solenav.verification import verify
@@ -23,6 +24,7 @@ from solenav_core import layout, messages
 from solenav_tools.emulator import image, run
 from solenav_tools.emulator.pico import EmulatedPico
 from solenav_tools.emulator.profile import EACH, Profile, Tick
+from solenav_tools.staging import board_tree, firmware_path
 
 THUMB_TICKS = 1500  # it makes some twenty a second
 _STANCE = layout.offsets(layout.STATE_FIELDS)["STANCE"]
@@ -128,17 +130,14 @@ def heap(uf2: Path, progress: Callable[[int], None] = lambda ms: None) -> dict[s
     with tempfile.TemporaryDirectory(prefix="solenav-bench-") as name:
         source = _walk(Path(name), _HEAP_S, 200.0)
         settings = run.settings_for(source)
-        files = image.files(run.file_system(settings))
-        text = files["main.py"].decode()
+        text = (firmware_path() / "main.py").read_text(encoding="utf-8")
         if text.count(_BEFORE) != 1:
             raise SolenavError("the firmware's main.py is another than the bench knows", "mend it")
-        files["main.py"] = text.replace(_BEFORE, _WATCH + _BEFORE).encode()
-        folder = Path(name) / "files"
-        for path, data in files.items():
-            (folder / path).parent.mkdir(parents=True, exist_ok=True)
-            (folder / path).write_bytes(data)
+        watched = compiled("main", text.replace(_BEFORE, _WATCH + _BEFORE), run.MARCH)
+        tree = {**board_tree(run.MARCH), "main.mpy": watched}
         said = bytearray()
-        with EmulatedPico(uf2, folder, run.feed_of(source)) as pico:
+        files = image.build(run.flashed(tree, settings))
+        with EmulatedPico(uf2, files, run.feed_of(source)) as pico:
             pico.console.on_data = said.extend
 
             def ended() -> bool:

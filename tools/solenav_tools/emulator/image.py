@@ -1,8 +1,8 @@
-"""The Pico's file system as it lies in flash: littlefs, made of a folder, read back as files."""
+"""The Pico's file system as it lies in flash: littlefs, made of files, read back as files."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
 BLOCK = 4096
@@ -11,17 +11,13 @@ START = 0xA0000  # where in flash
 _DISK_VERSION = 0x00020000  # MicroPython before 1.22 hangs on newer ones
 
 
-def build(folder: Path | None) -> bytes:
-    """An image of the folder's files; without one, of an empty file system."""
+def build(content: Mapping[str, bytes]) -> bytes:
+    """An image of a file system with these files, by their paths."""
     fs = _mounted(None)
-    for path in sorted(folder.rglob("*")) if folder else ():
-        name = path.relative_to(folder).as_posix() if folder else ""
-        if path.is_dir():
-            fs.makedirs(name, exist_ok=True)
-            continue
-        fs.makedirs(name.rpartition("/")[0], exist_ok=True)
-        with fs.open(name, "wb") as file:
-            file.write(path.read_bytes())
+    for path, data in sorted(content.items()):
+        fs.makedirs(path.rpartition("/")[0], exist_ok=True)
+        with fs.open(path, "wb") as file:
+            file.write(data)
     fs.unmount()
     return bytes(fs.context.buffer)
 

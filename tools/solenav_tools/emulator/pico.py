@@ -37,8 +37,8 @@ _NOT_HERE = ("flash_full",)
 class EmulatedPico:
     """A Pico, within a ``with``; it runs only while `run` is called.
 
-    `uf2`: MicroPython. `files`: a folder for its file system, or an image of one (bytes); None:
-    empty. `feed`, `sensor`, `faults`: as of `SimulatedBoard`. Without a feed there is no sensor.
+    `uf2`: MicroPython. `files`: the image of its file system; None: an empty one. `feed`, `sensor`,
+    `faults`: as of `SimulatedBoard`. Without a feed there is no sensor.
 
     `on_uart(byte, ns)` is called with each byte that has left the UART, and when. `uart` and
     `console` take what is sent to the board. The same samples give the same bytes at the same
@@ -48,7 +48,7 @@ class EmulatedPico:
     def __init__(
         self,
         uf2: Path,
-        files: Path | bytes | None = None,
+        files: bytes | None = None,
         feed: Path | Samples | None = None,
         *,
         sensor: str = "MPU-9150",
@@ -80,7 +80,7 @@ class EmulatedPico:
     def _boot(
         self,
         uf2: Path,
-        files: Path | bytes | None,
+        files: bytes | None,
         feed: Path | None,
         sensor: str,
         faults: list[dict[str, Any]],
@@ -91,7 +91,7 @@ class EmulatedPico:
         self.simulator = self._device.simulator
         self._pio = StillPio(self.mcu)
         shorten_bus_calls(self.mcu)
-        content = files if isinstance(files, bytes) else image.build(files)
+        content = image.build({}) if files is None else files
         self.mcu.flash[image.START : image.START + len(content)] = content
         self.uart = PacedUart.install(self.mcu, 0)
         self.uart.on_byte = lambda byte: self.on_uart(byte, self.ns)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +18,7 @@ from solenav.sim.scenario import simulate
 from solenav_tools.board import Samples
 from solenav_tools.emulator import image
 from solenav_tools.emulator.pico import EmulatedPico
-from solenav_tools.staging import stage_board
+from solenav_tools.staging import board_tree, switch
 
 MARCH = "armv6m"
 _STANDING_S = 2.0
@@ -71,12 +70,15 @@ def feed_of(source: Capture) -> Samples:
 
 
 def file_system(config: Mapping[str, Any]) -> bytes:
-    """An image of the firmware as `solenav flash` would put it on a Pico, with this config.json."""
-    with tempfile.TemporaryDirectory(prefix="solenav-stage-") as name:
-        folder = Path(name)
-        stage_board(folder, MARCH)
-        (folder / "config.json").write_text(json.dumps(dict(config)), encoding="utf-8")
-        return image.build(folder)
+    """An image of the firmware as `solenav flash` puts it on a new Pico, with this config.json."""
+    return image.build(flashed(board_tree(MARCH), config))
+
+
+def flashed(tree: Mapping[str, bytes], config: Mapping[str, Any]) -> dict[str, bytes]:
+    """The files of a new board that `solenav flash` has put this tree onto."""
+    files = {f"a/{path}": data for path, data in tree.items()}
+    settings = json.dumps(dict(config)).encode()
+    return {"main.py": switch(), "active": b"a", "config.json": settings, **files}
 
 
 def settings_for(source: Capture, pose_every: int | None = None) -> dict[str, Any]:

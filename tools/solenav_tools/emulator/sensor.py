@@ -48,6 +48,7 @@ class Wiring:
         self.ended = -1
         self._clock = rp2040.clock
         self._i2c = rp2040.i2c[0]
+        workarounds.pass_polls(self._i2c)
         self._pins = {n: rp2040.gpio[n] for n in (machine.SDA_PIN, machine.SCL_PIN)}
         self._ready = rp2040.gpio[machine.READY_PIN]
         self._uart = uart
