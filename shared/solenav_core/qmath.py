@@ -108,10 +108,10 @@ def isqrt(x: int) -> int:
     # A line, good to 3 % between 1024 and 4096; after one step of Newton never below the root.
     root = (top * 11 + 23900) >> shift
     root = (root + x // root) >> 1  # > 0: 23 at least
-    better = (root + x // root) >> 1  # > 0: the root of x or above
-    while better < root:
-        root = better
-        better = (root + x // root) >> 1  # > 0: as above
+    root = (root + x // root) >> 1  # > 0: the root of x or above
+    # Now right for large x as a rule. At most 46340 below 2**31, so the square fits a word.
+    while root * root > x:
+        root = (root + x // root) >> 1  # > 0: as above
     return root
 
 
