@@ -230,8 +230,8 @@ def relate(x: int, y: int, shared: int, s: ptr32) -> int:
 
 
 @micropython.viper
-def summarise(a: int, b: int, s: ptr32, group: int, half: int) -> int:
-    """The sums of the last window's group into its features: three signals, then the rest.
+def summarise(a: int, b: int, s: ptr32, group: int) -> int:
+    """The sums of the last window's group into its features.
 
     `a` and `b` are 0: locals that come first are the fastest.
     """
@@ -242,17 +242,15 @@ def summarise(a: int, b: int, s: ptr32, group: int, half: int) -> int:
     b = a + 1
     if b > 2:
         b = 0
-    group = _S_SUMS + _GROUP * group + 15 * half
+    group = _S_SUMS + _GROUP * group
     a = group + _FEATURES * a
     b = group + _FEATURES * b
-    i = 2 * half
-    while i < 3 + half:
+    i = 0
+    while i < 5:
         int(describe(a, b, s))
         a = a + 5
         b = b + 5
         i = i + 1
-    if half == 0:
-        return 0
     # xy, yz, xz: one place for the code of all.
     x = a - 25
     y = x + 5
