@@ -26,7 +26,7 @@ deviation, extremes, skewness and correlations of force and rate; the two veloci
 since they are what a climb is.
 
 Three blocks lie in state SUMS: the open one, the last, and the one before, which turns into the
-features in place, half a group on each tick, so that no tick pays for a whole window. Then the
+features in place, a group on each tick, so that no tick pays for a whole window. Then the
 forest is asked. After the event CLASSIFIED the features stay in the slot that `slot` names until
 that slot opens, with the end of the block.
 """
