@@ -24,7 +24,7 @@ MOTIONS = ("unknown", "still", "walk", "run", "upstairs", "downstairs")
 TREES_MAX = 64
 WORDS_MAX = 4096
 
-_TREES = const(10)  # asked in one tick
+_TREES = const(8)  # asked in one tick
 _CLASSES = const(5)
 _FEATURES = const(56)
 _WEIGHT = const(63)
@@ -119,7 +119,7 @@ def elect(s: ptr32, p: ptr32) -> int:
 
 @micropython.viper
 def classify(at: int, node: int, s: ptr32, t: ptr32, p: ptr32, tree: int) -> int:
-    """Ask ten trees, from `tree` on, about the last window; after the last of all count the vote.
+    """Ask eight trees, from `tree` on, about the last window; after the last of all count the vote.
 
     1 once the window is dealt with. `at` and `node` are 0: locals that come first are the fastest.
     """

@@ -259,7 +259,7 @@ def tick(s: ptr32, p: ptr32, w: ptr32, t: ptr32, m: ptr32) -> int:
             if stage < 2:
                 int(summarise(0, 0, s, stage))
             else:
-                events = events | int(classify(0, 0, s, t, p, 10 * (stage - 2))) << 7
+                events = events | int(classify(0, 0, s, t, p, (stage - 2) << 3)) << 7
     if int(detect(s, p, w)) == 0:
         if s[_S_SWING_TICKS] < _TOP:
             s[_S_SWING_TICKS] = s[_S_SWING_TICKS] + 1

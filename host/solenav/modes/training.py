@@ -67,8 +67,8 @@ class Examples:
 class Growth:
     """How a forest is grown. Every mode counts the same, however many windows it has."""
 
-    trees: int = 20
-    depth: int = 5
+    trees: int = 16
+    depth: int = 6
     leaf: int = 3
     """The fewest windows in a leaf."""
     seed: int = 1
