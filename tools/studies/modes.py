@@ -176,7 +176,8 @@ def _sizes(real: Sequence[Examples], made: Sequence[Examples]) -> list[str]:
             f"walking and running: for a window, its features and the forest (budget {_BUDGET:,}),",
             "and for a tick, with what is gathered on each (budget 2,000). The work is spread over",
             "ticks that gather nothing: a group's features on each of two, then eight trees on",
-            f"each. Without any tree a window costs {bare:,.0f}, nearly all of it for the features.",
+            f"each. Without any tree a window costs {bare:,.0f}, nearly all of it for",
+            "the features.",
             "Trees split by entropy: by Gini's measure they do worse on simulated people whom they",
             "haven't met. On those, 101 to 108 of each course, 16 trees of depth 6 do a little",
             "better than 20 of depth 5, of which a forest was passed over when it told the real",
@@ -432,7 +433,7 @@ def _by_filter(
             "|---|" + "---|" * len(FILTERS),
         ]
         for detector in detectors:
-            cells = _shares(shares, names, detector, FILTERS)
+            cells = _share_cells(shares, names, detector, FILTERS)
             lines.append(f"| {detector.name} | " + " | ".join(cells) + " |")
         lines.append("")
     lines += [
@@ -456,7 +457,7 @@ def _by_filter(
     return "\n".join(lines)
 
 
-def _shares(
+def _share_cells(
     shares: Shares, names: Sequence[str], detector: Detector, filters: Sequence[str]
 ) -> list[str]:
     """Each filter's share of the distance over the recordings, and how many are lost."""
@@ -493,7 +494,7 @@ def _better(
     for group in ("walking", "walk, run"):
         names = groups[group]
         for detector in detectors:
-            cells = _shares(shares, names, detector, filters)
+            cells = _share_cells(shares, names, detector, filters)
             lines.append(f"| {group} | {detector.name} | " + " | ".join(cells) + " |")
     lines.append("")
     return "\n".join(lines)
