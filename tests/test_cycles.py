@@ -10,6 +10,14 @@ from typing import Any
 
 import pytest
 
+from solenav import mpu9150
+from solenav.engines.device_form import kernel_modules
+from solenav.engines.thumb import ThumbEngine
+from solenav.engines.thumb.accounting import DIVISION, VIPER_CALL
+from solenav.parameters import Settings, to_integers
+from solenav.sim.scenario import simulate
+from solenav_core import navigator
+
 ROOT = Path(__file__).parents[1]
 COMMITTED = json.loads((ROOT / "docs" / "cycles.json").read_text(encoding="utf-8"))
 # Cycles at 125 MHz, calls included: 0.5 ms, 1.5 ms and 2 ms of a 5 ms period.
@@ -52,3 +60,27 @@ def test_every_kernel_is_small_enough_for_older_emitters(measured: Any) -> None:
     """About 4 KB: longer branches than that were broken once."""
     too_large = {k: size for k, size in measured["kernel_bytes"].items() if size > 4600}
     assert not too_large
+
+
+def test_a_window_of_motion_is_within_its_budget() -> None:
+    """Features, forest and their calls, over all the ticks between one window and the next."""
+    walk = simulate("modes", seed=301)
+    counts = mpu9150.to_counts(walk.accel, walk.gyro).counts
+    engine = ThumbEngine(to_integers(Settings(), walk.rate_hz), kernel_modules())
+    engine.advance(counts[:300])
+    start = next(label.start_s for label in walk.modes if label.mode == "run")
+    moving = counts[int((start - 2.0) * walk.rate_hz) :]
+    row, _ = engine.advance(moving, mask=navigator.CLASSIFIED)
+    for _ in range(3):
+        engine.program.clear()
+        row, events = engine.advance(moving, row, mask=navigator.CLASSIFIED)
+        assert events & navigator.CLASSIFIED
+        kernels = [
+            kernel
+            for kernel in engine.cycles().kernels
+            if kernel.name in ("features.summarise", "forest.classify")
+        ]
+        assert len(kernels) == 2
+        calls = sum(kernel.calls for kernel in kernels) * VIPER_CALL
+        divisions = sum(kernel.divisions for kernel in kernels) * DIVISION
+        assert sum(kernel.cycles for kernel in kernels) + calls + divisions <= 25_000

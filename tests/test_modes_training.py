@@ -63,7 +63,12 @@ def test_a_tree_says_the_same_in_the_core_as_in_scikit_learn() -> None:
     from sklearn.ensemble import RandomForestClassifier
 
     theirs = RandomForestClassifier(
-        1, max_depth=8, min_samples_leaf=1, class_weight="balanced", random_state=1
+        1,
+        criterion="entropy",
+        max_depth=8,
+        min_samples_leaf=1,
+        class_weight="balanced",
+        random_state=1,
     ).fit(features, mode)
     other = rng.integers(-300, 300, (400, FEATURES))
     ours = forests.scores(words, other)

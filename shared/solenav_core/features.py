@@ -26,13 +26,13 @@ deviation, extremes, skewness and correlations of force and rate; the two veloci
 since they are what a climb is.
 
 Three blocks lie in state SUMS: the open one, the last, and the one before, which turns into the
-features in place, half a group on each tick, so that no tick pays for a whole window. Then the
+features in place, a group on each tick, so that no tick pays for a whole window. Then the
 forest is asked. After the event CLASSIFIED the features stay in the slot that `slot` names until
 that slot opens, with the end of the block.
 """
 
 from solenav_core.compat import const, micropython, ptr32
-from solenav_core.qmath import clamp, isqrt, mulshift
+from solenav_core.qmath import clamp, isqrt
 
 BLOCK = 32  # samples of each group; shifts by 6 below divide by the window's 64
 
@@ -175,9 +175,11 @@ def describe(a: int, b: int, s: ptr32) -> int:
     """A signal's sums in two blocks, at s[a] and s[b], into s[a]: the sum, deviation Q4, the rest.
 
     With n = 64, sum S, D = n variance = sum(y²) - S²/n, and n E(y)³ = S (S²/n) / n²:
-    sum((y - mean)³) = sum(y³) - (3 D + S²/n) S/n.
+    sum((y - mean)³) = sum(y³) - (3 D + S²/n) S/n. Products past the word are made of two, of the
+    second factor's high and low bits.
     """
     total = s[a] + s[b]
+    s[a] = total
     # S²/64 without a product past the word: S = 8 eighth + rest.
     eighth = total >> 3
     square = eighth * eighth + ((eighth * (total & 7)) >> 2)
@@ -185,17 +187,20 @@ def describe(a: int, b: int, s: ptr32) -> int:
     if spread < 0:
         spread = 0
     deviation = int(isqrt(spread << 2))
+    s[a + 1] = deviation
     skew = 0
     if deviation >= _QUIET:
-        skew = s[a + 2] + s[b + 2] - int(mulshift(total << 5, 3 * spread + square, 17))
-        cube = int(mulshift(deviation << 7, spread, 17))
+        square = 3 * spread + square
+        # 28 bits as 14 and 14, by 17; all of it over 2**12.
+        skew = ((square & 16383) * total + 2048) >> 12
+        skew = s[a + 2] + s[b + 2] - skew - (((square >> 14) * total) << 2)
+        # 27 bits as 17 and 10, by 14; all of it over 2**10.
+        cube = (spread >> 10) * deviation + (((spread & 1023) * deviation + 512) >> 10)
         if cube < 0x40000:
             skew = (int(clamp(skew, 0x400000)) << 8) // cube  # > 0: 512, of the least deviation
         else:
             skew = skew // (cube >> 8)  # > 0: 1024 at least
         skew = int(clamp(skew, _SKEW_MAX))
-    s[a] = total
-    s[a + 1] = deviation
     s[a + 2] = skew
     if s[b + 3] > s[a + 3]:
         s[a + 3] = s[b + 3]
@@ -210,45 +215,55 @@ def relate(x: int, y: int, shared: int, s: ptr32) -> int:
 
     `shared`: the window's sum of their products.
     """
-    if s[x + 1] < _QUIET or s[y + 1] < _QUIET:
+    most = s[x + 1]
+    other = s[y + 1]
+    if most < _QUIET or other < _QUIET:
         return 0
-    most = (s[x + 1] * s[y + 1]) >> 2
-    shared = int(clamp(shared - int(mulshift(s[x] << 11, s[y], 17)), most))
+    most = (most * other) >> 2
+    # The sums' product over 64: 17 bits by 11 and by 6.
+    other = s[x]
+    shared = shared - (other >> 6) * s[y] - (((other & 63) * s[y] + 32) >> 6)
+    shared = int(clamp(shared, most))
     if most < 0x400000:
         return (shared << 8) // most  # > 0: 4096, of the least deviations
     return int(clamp(shared // (most >> 8), 256))  # > 0: 16384 at least
 
 
 @micropython.viper
-def summarise(s: ptr32, group: int, half: int) -> int:
-    """The sums of the last window's group into its features: three signals, then the rest."""
+def summarise(a: int, b: int, s: ptr32, group: int) -> int:
+    """The sums of the last window's group into its features.
+
+    `a` and `b` are 0: locals that come first are the fastest.
+    """
     # The oldest block is in the slot after the open one, the last in the one before it.
-    slot = s[_S_BLOCK_SLOT] + 1
-    if slot > 2:
-        slot = 0
-    a = _S_SUMS + _FEATURES * slot + _GROUP * group
-    slot = slot + 1
-    if slot > 2:
-        slot = 0
-    b = _S_SUMS + _FEATURES * slot + _GROUP * group
-    i = 15 * half
-    stop = 15 + 10 * half
-    while i < stop:
-        int(describe(a + i, b + i, s))
-        i = i + 5
-    if half == 0:
-        return 0
-    # xy, yz, xz: one place for the code of all.
-    x = a
-    y = a + 5
-    i = 25
-    while i < 28:
-        s[a + i] = int(relate(x, y, s[a + i] + s[b + i], s))
-        x = a + 5 * (i & 1)
-        y = a + 10
-        i = i + 1
+    a = s[_S_BLOCK_SLOT] + 1
+    if a > 2:
+        a = 0
+    b = a + 1
+    if b > 2:
+        b = 0
+    group = _S_SUMS + _GROUP * group
+    a = group + _FEATURES * a
+    b = group + _FEATURES * b
     i = 0
     while i < 5:
+        int(describe(a, b, s))
+        a = a + 5
+        b = b + 5
+        i = i + 1
+    # xy, yz, xz: one place for the code of all.
+    x = a - 25
+    y = x + 5
+    i = 0
+    while i < 3:
+        s[a] = int(relate(x, y, s[a] + s[b], s))
+        x = y - 10 * i
+        y = a - i - 15
+        a = a + 1
+        b = b + 1
+        i = i + 1
+    a = a - 28
+    while i < 8:
         s[a] = (s[a] + 8) >> 4
         s[a + 1] = (s[a + 1] + 2) >> 2
         a = a + 5

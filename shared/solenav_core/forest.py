@@ -128,9 +128,11 @@ def classify(at: int, node: int, s: ptr32, t: ptr32, p: ptr32, tree: int) -> int
         base = 0
     base = _S_SUMS + _FEATURES * base
     if tree == 0:
-        while at < _CLASSES:
-            s[_S_SCORE + at] = 0
-            at = at + 1
+        s[_S_SCORE] = 0
+        s[_S_SCORE + 1] = 0
+        s[_S_SCORE + 2] = 0
+        s[_S_SCORE + 3] = 0
+        s[_S_SCORE + 4] = 0
     stop = tree + _TREES
     if stop > t[_T_FOREST]:
         stop = t[_T_FOREST]
@@ -143,8 +145,9 @@ def classify(at: int, node: int, s: ptr32, t: ptr32, p: ptr32, tree: int) -> int
         node = t[at]
         while node >= 0:
             if s[base + (node & 63)] > ((node >> 6) & 8191) - 4096:
-                at = at + (node >> 19) - 1
-            at = at + 1
+                at = at + (node >> 19)
+            else:
+                at = at + 1
             node = t[at]
         one_three = one_three + (node & _PAIR)
         two_four = two_four + ((node >> 6) & _PAIR)

@@ -57,7 +57,7 @@ STATE_FIELDS = (
         "STAGE",
         1,
         "features",
-        "what is next for the last window: 0 to 3 half a group, then trees; 255 done",
+        "what is next for the last window: 0 and 1 a group, then eight trees each; 255 done",
     ),
     ("SUMS", 3 * FEATURES, "features", "three blocks; the oldest turns into features"),
     ("SCORE", CLASSES, "forest", "weights of the trees asked so far"),

@@ -250,10 +250,10 @@ def tick(s: ptr32, p: ptr32, w: ptr32, t: ptr32, m: ptr32) -> int:
         stage = s[_S_STAGE]
         if stage < _IDLE and (pause > 0 or p[_P_MOTION_STRIDE] < 2):
             s[_S_STAGE] = stage + 1
-            if stage < 4:
-                int(summarise(s, stage >> 1, stage & 1))
+            if stage < 2:
+                int(summarise(0, 0, s, stage))
             else:
-                events = events | int(classify(0, 0, s, t, p, (stage - 4) << 3)) << 7
+                events = events | int(classify(0, 0, s, t, p, (stage - 2) << 3)) << 7
     if int(detect(s, p, w)) == 0:
         if s[_S_SWING_TICKS] < _TOP:
             s[_S_SWING_TICKS] = s[_S_SWING_TICKS] + 1

@@ -92,10 +92,10 @@ def isqrt(x: int) -> int:
     if x < 1:
         return 0
     top = x
-    shift = 10
+    shift = 16
     if top >= 0x100000:
         top = top >> 10
-        shift = 5
+        shift = 11
     if top >= 0x10000:
         top = top >> 6
         shift = shift - 3
@@ -105,13 +105,14 @@ def isqrt(x: int) -> int:
     if top >= 0x1000:
         top = top >> 2
         shift = shift - 1
-    # A line, good to 3 % between 1024 and 4096; after one step of Newton never below the root.
-    root = (top * 11 + 23900) >> shift
-    root = (root + x // root) >> 1  # > 0: 23 at least
-    better = (root + x // root) >> 1  # > 0: the root of x or above
-    while better < root:
-        root = better
-        better = (root + x // root) >> 1  # > 0: as above
+    # A parabola, good to 0.6 % between 1024 and 4096; after a step of Newton never below the root.
+    root = (top * (1077 - ((top * 81) >> 10)) + 1087456) >> shift
+    root = (root + x // root) >> 1  # > 0: 16 at least
+    # The largest root there is: so the square below fits a word.
+    if root > 46340:
+        root = 46340
+    while root * root > x:
+        root = (root + x // root) >> 1  # > 0: the root of x or above
     return root
 
 

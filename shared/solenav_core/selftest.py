@@ -329,8 +329,7 @@ def _summarise(b):
                 b.s[_AT["SUMS"] + at + i] = b.number(6) * value * value >> 1
         for open_slot in range(3):
             b.s[_AT["BLOCK_SLOT"]] = open_slot
-            for half in range(2):
-                b.result(features.summarise(b.s, open_slot & 1, half))
+            b.result(features.summarise(0, 0, b.s, open_slot & 1))
         b.arrays()
 
 

@@ -45,8 +45,8 @@ def train(
     simulated: Annotated[
         int, typer.Option(min=0, help="People on each simulated course, to train on as well.")
     ] = 0,
-    trees: Annotated[int, typer.Option(min=1, max=64, help="Trees.")] = 32,
-    depth: Annotated[int, typer.Option(min=1, max=16, help="Splits from root to leaf.")] = 5,
+    trees: Annotated[int, typer.Option(min=1, max=64, help="Trees.")] = 16,
+    depth: Annotated[int, typer.Option(min=1, max=16, help="Splits from root to leaf.")] = 6,
     leaf: Annotated[int, typer.Option(min=1, help="The fewest windows in a leaf.")] = 3,
     seed: Annotated[int, typer.Option(help="Of the forest's randomness.")] = 1,
     figure: Figure = None,
