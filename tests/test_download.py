@@ -31,7 +31,7 @@ from solenav.errors import SolenavError
 from solenav.sim.board import simtime
 from solenav.verification import verify
 from solenav_core import messages
-from solenav_tools import download, firmware_run, recorder
+from solenav_tools import conversation, download, firmware_run, recorder
 from solenav_tools.board import SimulatedBoard
 from solenav_tools.ports import PortVanished
 
@@ -81,6 +81,7 @@ def simulated_time() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(download, "time", clock)
         patch.setattr(recorder, "time", clock)
+        patch.setattr(conversation, "time", clock)
         yield
 
 
@@ -472,7 +473,7 @@ def test_what_can_t_be_done_is_said(tmp_path: Path) -> None:
     refused(solenav("download", "/dev/ttyNOSUCH7"), 2, "there is no port")
     refused(solenav("download", "/dev/null", "-o", tmp_path / "nowhere"), 2, "there is no folder")
     with sender(b"", then_vanish=False) as port:
-        refused(solenav("download", port, cwd=tmp_path), 1, "no answer to ASK_HELLO")
+        refused(solenav("download", port, cwd=tmp_path), 2, "nobody says HELLO")
     foreign = link.encode(messages.HELLO, 0, 0, bytes(messages.SIZES[messages.HELLO]))
     with sender(foreign * 50, then_vanish=False) as port:
         refused(solenav("download", port, cwd=tmp_path), 2, "firmware and host differ")

@@ -27,8 +27,8 @@ from solenav.sim.scenario import simulate
 from solenav_core import forest, layout, navigator
 from solenav_core.tables.forest import FOREST
 from solenav_tools.board import SimulatedBoard
+from solenav_tools.conversation import Conversation
 from solenav_tools.forest_upload import upload
-from solenav_tools.injection import Session
 from solenav_tools.ports import open_port
 
 AT = layout.offsets(layout.STATE_FIELDS)
@@ -339,10 +339,10 @@ def test_a_forest_goes_into_a_board_and_out_again(board: SimulatedBoard) -> None
     shipped = crc32(FOREST)
     with open_port(board.port) as port:
         upload(port, OTHER)
-        hello = Session(port).hello()
+        hello = Conversation(port).hello()
         assert hello["forest"] == crc32(OTHER)
         upload(port, array("i"))
-        assert Session(port).hello()["forest"] == shipped
+        assert Conversation(port).hello()["forest"] == shipped
 
 
 def test_what_is_no_forest_is_refused_by_the_board(
@@ -357,4 +357,4 @@ def test_what_is_no_forest_is_refused_by_the_board(
         with pytest.raises(SolenavError, match="refuses"):
             upload(port, wrong)
         monkeypatch.undo()
-        assert Session(port).hello()["forest"] == crc32(FOREST)
+        assert Conversation(port).hello()["forest"] == crc32(FOREST)

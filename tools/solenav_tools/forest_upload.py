@@ -7,11 +7,13 @@ from binascii import crc32
 
 import serial
 
+from solenav import link
 from solenav.errors import SolenavError
 from solenav_core import forest, messages
-from solenav_tools.injection import Session
+from solenav_tools.conversation import Conversation
 
-_PIECE = 12
+# Words in a command, as the schema has it.
+_PIECE = next(count for name, _c, count, *_ in link.FIELDS[messages.ASK_FOREST] if name == "words")
 
 
 def upload(port: serial.Serial, words: array[int]) -> None:
@@ -20,11 +22,11 @@ def upload(port: serial.Serial, words: array[int]) -> None:
     No words: back to the shipped one. SolenavError where the board is of another schema, doesn't
     answer, or refuses: it samples, its flash is full, or these are no forest.
     """
-    session = Session(port)
-    session.hello()
+    talk = Conversation(port)
+    talk.hello()
     remedy = "stop it first, and look at its log for why"
     if not words:
-        session.asked(messages.ASK_FOREST, 0, 0, *[0] * _PIECE, remedy=remedy)
+        talk.asked(messages.ASK_FOREST, 0, 0, *[0] * _PIECE, remedy=remedy)
         return
     # The board checks as well; but a host should not send what it can tell is wrong.
     wrong = forest.objection(words)
@@ -33,6 +35,6 @@ def upload(port: serial.Serial, words: array[int]) -> None:
     for at in range(0, len(words), _PIECE):
         piece = words[at : at + _PIECE]
         padded = [*piece, *[0] * (_PIECE - len(piece))]
-        session.asked(messages.ASK_FOREST, at, len(words), *padded, remedy=remedy)
-    if session.hello()["forest"] != crc32(words):
+        talk.asked(messages.ASK_FOREST, at, len(words), *padded, remedy=remedy)
+    if talk.hello()["forest"] != crc32(words):
         raise SolenavError("the board has another forest than was sent", "send it again", 1)
