@@ -10,6 +10,8 @@ from array import array
 from binascii import crc32
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from sys import byteorder
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +59,7 @@ def pack(trees: Sequence[Tree]) -> array[int]:
 
 
 _SMALLER = "train fewer or less deep trees"
+_ANEW = "train it anew with this version: another one's core may have other features"
 
 
 def _words(tree: Tree) -> Iterator[int]:
@@ -83,11 +86,16 @@ def _words(tree: Tree) -> Iterator[int]:
     yield from _words(tree.right)
 
 
-def unpack(words: Sequence[int]) -> list[Tree]:
-    """The trees of a forest's words. SolenavError where they are none."""
+def check(words: Sequence[int]) -> None:
+    """SolenavError where words are no forest that the core can walk."""
     wrong = forest.objection(words)
     if wrong:
-        raise SolenavError(f"no forest: {wrong}", "export it anew")
+        raise SolenavError(f"no forest: {wrong}", _ANEW)
+
+
+def unpack(words: Sequence[int]) -> list[Tree]:
+    """The trees of a forest's words. SolenavError where they are none."""
+    check(words)
     return [_tree(words, words[1 + i])[0] for i in range(words[0])]
 
 
@@ -122,10 +130,33 @@ def scores(words: array[int], features: NDArray[np.int64]) -> NDArray[np.int64]:
 def from_bytes(data: bytes) -> array[int]:
     """A forest's words from a file of them, little-endian. SolenavError where they are none."""
     if len(data) % 4:
-        raise SolenavError(f"no forest: {len(data)} bytes are no whole words", "export it anew")
+        raise SolenavError(f"no forest: {len(data)} bytes are no whole words", _ANEW)
     words = array("i", data)
-    unpack(words)
+    if byteorder == "big":
+        words.byteswap()
+    check(words)
     return words
+
+
+def load(path: Path) -> array[int]:
+    """A forest's words from a file. SolenavError where there is none in it."""
+    try:
+        return from_bytes(path.read_bytes())
+    except OSError as error:
+        raise SolenavError(f"can't read {path}: {error.strerror}", "check its name") from None
+    except SolenavError as error:
+        raise SolenavError(f"{path}: {error.message}", error.remedy) from None
+
+
+def save(path: Path, words: array[int]) -> None:
+    """A forest's words into a file, little-endian. SolenavError where it can't be written."""
+    little = array("i", words)
+    if byteorder == "big":
+        little.byteswap()
+    try:
+        path.write_bytes(little.tobytes())
+    except OSError as error:
+        raise SolenavError(f"can't write {path}: {error.strerror}", "choose another file") from None
 
 
 def table(words: array[int], about: str) -> str:

@@ -25,7 +25,7 @@ from solenav.errors import SolenavError
 from solenav.link import command, unpack
 from solenav.link.schema import need_forest
 from solenav_core import messages
-from solenav_tools.conversation import PATIENCE_S, TRIES, Conversation
+from solenav_tools.conversation import PATIENCE_S, TRIES, Conversation, unheard
 from solenav_tools.matrix import Difference, state_difference
 from solenav_tools.ports import send
 
@@ -70,6 +70,9 @@ def inject(
     session = Session(port)
     hello = session.hello()
     need_forest(hello, forest, f"the board at {port.port}")
+    held = session.params()
+    if held is None:
+        raise unheard(session.where, "ASK_HELLO in full: its parameters are missing")
     name = engine or engines.default_name()
     report = DeviceReport(
         hello["text"].decode("utf-8", "replace"), name, samples=len(capture.samples)
@@ -77,11 +80,6 @@ def inject(
     words = replaying.samples_of(capture).words
     # An engine may compile at its first tick, for longer than the board's patience.
     engines.create(name, capture.params[0][1]).advance(words, 0, 1)
-    held = session.params()
-    if held is None:
-        raise SolenavError(
-            f"{session.where}: the board's parameters didn't come", "look at the link", 1
-        )
     session.asked(messages.ASK_INJECT, 1, what=_SAMPLES)
     began = time.monotonic()
     try:

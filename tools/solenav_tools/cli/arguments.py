@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from solenav import forests
-from solenav.errors import SolenavError
 from solenav_tools.ports import BAUD, known_names
 
 Port = Annotated[
@@ -37,11 +36,4 @@ ForestFile = Annotated[
 
 def forest_from(path: Path | None) -> array[int] | None:
     """The words in a forest's file; None without a file. SolenavError where they are no forest."""
-    if path is None:
-        return None
-    try:
-        return forests.from_bytes(path.read_bytes())
-    except OSError as error:
-        raise SolenavError(f"can't read {path}: {error.strerror}", "check the name") from None
-    except SolenavError as error:
-        raise SolenavError(f"{path}: {error.message}", error.remedy) from None
+    return None if path is None else forests.load(path)

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+from array import array
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from solenav import capture
+from solenav import capture, forests
 from solenav.errors import SolenavError
 from solenav.modes.labels import MODES
+from solenav_core.layout import FEATURES
+from solenav_tools.cli.arguments import Baud
 from solenav_tools.cli.output import (
     Json,
     check_output,
@@ -21,6 +24,8 @@ from solenav_tools.cli.output import (
     tell,
     write_text,
 )
+from solenav_tools.forest_upload import send as put
+from solenav_tools.ports import chosen_port, known_names
 
 if TYPE_CHECKING:
     # It needs numba, which the other commands do without.
@@ -78,17 +83,20 @@ def train(
     if real and made:
         alone = training.train(made, growth)
         found["simulated walks alone"] = training.judge(alone, real)
-    training.save(output, words)
+    forests.save(output, words)
     about: dict[str, Any] = {
         "trained_on": [one.name for one in real],
         "simulated": simulated,
         "growth": {"trees": trees, "depth": depth, "leaf": leaf, "seed": seed},
+        "features": FEATURES,
         "words": len(words),
         "judgements": {name: one.as_dict() for name, one in found.items()},
     }
     write_text(output.with_suffix(".json"), json.dumps(about, indent=2) + "\n")
     _report(found, figure, {"forest": str(output), **about}, as_json)
-    tell(f"{output}: {words[0]} trees, {len(words)} words; `solenav modes export` ships it")
+    tell(
+        f"{output}: {words[0]} trees, {len(words)} words; `solenav modes send` puts it into a board"
+    )
 
 
 @app.command()
@@ -107,7 +115,7 @@ def evaluate(
 
     if figure is not None:
         check_output(figure, ".png")
-    words = training.load(forest) if forest is not None else training.shipped()
+    words = training.shipped() if forest is None else _forest(forest)
     data = _examples(files or [], words)
     if not data:
         raise SolenavError("nothing to judge by", "name captures with labels beside them")
@@ -133,29 +141,92 @@ def export(
     ],
 ) -> None:
     """Write a forest as the table that core and firmware ship (solenav_core/tables/forest.py)."""
-    from solenav import forests
-    from solenav.modes import training
-
-    words = training.load(forest)
+    words = _forest(forest)
     check_output(output, ".py")
-    write_text(output, forests.table(words, _about(forest)))
+    write_text(output, forests.table(words, _trained_on(forest)))
     say(f"{output}: {words[0]} trees, {len(words)} words")
 
 
-def _about(forest: Path) -> str:
-    """A line on what a forest was trained on, from the file beside it."""
+@app.command()
+def send(
+    forest: Annotated[
+        Path | None,
+        typer.Argument(help=f"A forest ({SUFFIX}).", metavar="[FOREST]", show_default=False),
+    ] = None,
+    port: Annotated[
+        str | None,
+        typer.Option(
+            help="Serial port of the board, or its name in solenav.toml; default: the only one.",
+            autocompletion=lambda: known_names(),
+            show_default=False,
+        ),
+    ] = None,
+    shipped: Annotated[
+        bool, typer.Option("--shipped", help="Back to the forest in the board's firmware.")
+    ] = False,
+    restart: Annotated[
+        bool, typer.Option("--restart", help="End the board's run, and begin a fresh one with it.")
+    ] = False,
+    baud: Baud = None,
+    as_json: Json = False,
+) -> None:
+    """Send a forest to a board, which checks it, keeps it in flash and says that it has it.
+
+    A board that samples takes none. Exit code 1: the board refuses, or something was lost.
+    """
+    if (forest is None) != shipped:
+        raise SolenavError("which forest?", "name a file, or say --shipped")
+    words = None if forest is None else _forest(forest)
+    sent = put(chosen_port(port), words, restart=restart, baud=baud, progress=progress)
+    if as_json:
+        say_json(sent.as_dict())
+        return
+    own = "the shipped one" if sent.shipped else "its firmware's own"
+    what = f"{words[0]} trees, {len(words)} words" if words else own
+    say(f"{sent.port}: {sent.board}")
+    say(f"forest before {sent.had:08x}, now {sent.has:08x} ({what}), as HELLO says")
+    say("a fresh run has begun with it" if restart else "it holds from the board's next run on")
+
+
+def _forest(path: Path) -> array[int]:
+    """The words in a forest's file. SolenavError where it is none, or one for another core."""
+    words = forests.load(path)
+    about = _about(path)
+    count = about.get("features", FEATURES) if isinstance(about, dict) else FEATURES
+    if count != FEATURES:
+        raise SolenavError(
+            f"{path} was trained on {count} features, and this core has {FEATURES}",
+            "train it anew with this version",
+        )
+    return words
+
+
+def _about(forest: Path) -> Any:
+    """What the file beside a forest says of it; None where there is none."""
     path = forest.with_suffix(".json")
     try:
-        about = json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise _unclear(path, error) from None
+
+
+def _unclear(path: Path, error: Exception) -> SolenavError:
+    text = f"{path} doesn't say what the forest was trained on: {error}"
+    return SolenavError(text, "delete it, or train anew")
+
+
+def _trained_on(forest: Path) -> str:
+    """A line on what a forest was trained on, from the file beside it."""
+    about = _about(forest)
+    if about is None:
+        return "What it was trained on isn't known."
+    try:
         growth, real, made = about["growth"], about["trained_on"], about["simulated"]
         grown = f"depth {growth['depth']}, leaf {growth['leaf']}, seed {growth['seed']}"
-    except FileNotFoundError:
-        return "What it was trained on isn't known."
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise SolenavError(
-            f"{path} doesn't say what the forest was trained on: {error}",
-            "delete it, or train anew",
-        ) from None
+    except (KeyError, TypeError) as error:
+        raise _unclear(forest.with_suffix(".json"), error) from None
     parts = [f"{len(real)} recordings"] * bool(real)
     parts += [f"{made} people on each simulated course"] * bool(made)
     return f"Trained on {' and '.join(parts)}; {grown}."
