@@ -195,7 +195,7 @@ def test_a_piece_that_comes_twice_has_the_same_answer(board: SimulatedBoard) -> 
 def test_a_full_flash_is_told(tmp_path: Path) -> None:
     large = tmp_path / "large.forest"  # littlefs finds room for a small file in its folder's block
     forests.save(large, forests.pack([forests.unpack(OTHER)[0]] * 64))
-    full = [{"kind": "flash_full", "at": 0}]
+    full = [{"kind": "flash_full", "after": 0}]
     with SimulatedBoard(STILL, {"autostart": False}, realtime=True, faults=full) as board:
         done = solenav("modes", "send", large, "--port", board.port)
         refused(done, 1, "can't keep the forest in flash", "solenav doctor")
