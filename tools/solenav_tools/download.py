@@ -16,10 +16,10 @@ from solenav.capture import CaptureWriter, read_records
 from solenav.capture.sidecar import write_sidecar
 from solenav.errors import SolenavError
 from solenav.link import NAMES, Damage, Frame, FrameReader, decode, unpack
+from solenav.progress import Progress, unseen
 from solenav_core import messages
 from solenav_tools.conversation import FLASH, PATIENCE_S, TRIES, Conversation, Refused, unheard
 from solenav_tools.ports import PortVanished, open_port
-from solenav_tools.progress import Progress, unseen
 
 _WINDOW = 16384  # bytes asked for at once
 _IN_FLIGHT_S = 0.5  # for so long what was asked for before still arrives

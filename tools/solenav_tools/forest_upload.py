@@ -12,11 +12,11 @@ from typing import Any
 
 from solenav import forests, link
 from solenav.errors import SolenavError
+from solenav.progress import Progress, unseen
 from solenav_core import messages
 from solenav_core.tables.forest import FOREST
 from solenav_tools.conversation import Conversation, Refused
 from solenav_tools.ports import PortVanished, open_port
-from solenav_tools.progress import Progress, unseen
 
 # Words in a command, as the schema has it.
 _PIECE = next(count for name, _c, count, *_ in link.FIELDS[messages.ASK_FOREST] if name == "words")

@@ -12,6 +12,7 @@ import typer
 from solenav import capture, importing
 from solenav.errors import SolenavError
 from solenav.sim.gait import SCENARIOS
+from solenav_tools import emulated_run
 from solenav_tools.cli.output import (
     Json,
     check_output,
@@ -129,14 +130,12 @@ def _record(
     faults: list[dict[str, Any]],
     as_json: bool,
 ) -> None:
-    from solenav_tools.emulator import run
-
     span = float(source.samples.rows["time"][-1] - source.samples.rows["time"][0])
     with progress("emulating", int(1000 * (span + 2))) as done:
-        outcome = run.record(
-            uf2,
+        outcome = emulated_run.run(
             source,
             output,
+            uf2=uf2,
             pose_every=pose_every,
             config=config,
             faults=faults,
