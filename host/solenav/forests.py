@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solenav.errors import SolenavError
+from solenav.errors import SolenavError, unreadable, unwritable
 from solenav_core import forest
 from solenav_core.layout import CLASSES, FEATURES
 
@@ -149,7 +149,7 @@ def load(path: Path | str) -> array[int]:
     try:
         words = from_bytes(path.read_bytes())
     except OSError as error:
-        raise SolenavError(f"can't read {path}: {error.strerror}", "check its name") from None
+        raise unreadable(path, error) from None
     except SolenavError as error:
         raise SolenavError(f"{path}: {error.message}", error.remedy) from None
     features = _about(path).get("features", FEATURES)
@@ -174,7 +174,7 @@ def save(path: Path, words: array[int], about: dict[str, Any] | None = None) -> 
             text = json.dumps(about, indent=2) + "\n"
             path.with_suffix(".json").write_text(text, encoding="utf-8")
     except OSError as error:
-        raise SolenavError(f"can't write {path}: {error.strerror}", "choose another file") from None
+        raise unwritable(path, error) from None
 
 
 def export(path: Path | str, output: Path | str) -> array[int]:
@@ -189,9 +189,7 @@ def export(path: Path | str, output: Path | str) -> array[int]:
     try:
         output.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise SolenavError(
-            f"can't write {output}: {error.strerror}", "choose another file"
-        ) from None
+        raise unwritable(output, error) from None
     return words
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from solenav import capture, importing
-from solenav.errors import SolenavError
+from solenav.errors import SolenavError, unreadable
 from solenav.sim.gait import SCENARIOS
 from solenav_tools import emulated_run
 from solenav_tools.cli.output import (
@@ -113,7 +113,7 @@ def _json_file(path: Path, kind: type, what: str) -> Any:
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise SolenavError(f"can't read {path}: {error.strerror}", "check its name") from None
+        raise unreadable(path, error) from None
     except ValueError as error:
         raise SolenavError(f"{path} is no JSON: {error}", "mend it") from None
     if not isinstance(found, kind):
