@@ -11,14 +11,19 @@ import typer
 from solenav import forests
 from solenav_tools.ports import BAUD, known_names
 
+_PORT = "Serial port of the board, or its name in solenav.toml; default: the only one."
 Port = Annotated[
     str | None,
     typer.Argument(
-        help="Serial port of the board, or its name in solenav.toml; default: the only one.",
+        help=_PORT,
         metavar="[PORT]",
         autocompletion=lambda: known_names(),
         show_default=False,
     ),
+]
+PortOption = Annotated[
+    str | None,
+    typer.Option("--port", help=_PORT, autocompletion=lambda: known_names(), show_default=False),
 ]
 Baud = Annotated[
     int | None, typer.Option(help=f"Bits per second; default: {BAUD}.", show_default=False)

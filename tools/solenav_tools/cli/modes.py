@@ -12,10 +12,10 @@ from solenav import forests
 from solenav.capture import Capture, load
 from solenav.errors import SolenavError
 from solenav.modes.labels import MODES
-from solenav_tools.cli.arguments import Baud, forest_from
+from solenav_tools.cli.arguments import Baud, PortOption, forest_from
 from solenav_tools.cli.output import Json, check_output, progress, say, say_json, tell
 from solenav_tools.forest_upload import send as put
-from solenav_tools.ports import chosen_port, known_names
+from solenav_tools.ports import chosen_port
 
 if TYPE_CHECKING:
     # It needs numba, which the other commands do without.
@@ -117,14 +117,7 @@ def send(
         Path | None,
         typer.Argument(help=f"A forest ({SUFFIX}).", metavar="[FOREST]", show_default=False),
     ] = None,
-    port: Annotated[
-        str | None,
-        typer.Option(
-            help="Serial port of the board, or its name in solenav.toml; default: the only one.",
-            autocompletion=lambda: known_names(),
-            show_default=False,
-        ),
-    ] = None,
+    port: PortOption = None,
     shipped: Annotated[
         bool, typer.Option("--shipped", help="Back to the forest in the board's firmware.")
     ] = False,
