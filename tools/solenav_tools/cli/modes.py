@@ -115,7 +115,7 @@ def export(
 def send(
     forest: Annotated[
         Path | None,
-        typer.Argument(help=f"A forest ({SUFFIX}).", metavar="[FOREST]", show_default=False),
+        typer.Argument(help=f"A forest ({SUFFIX}).", metavar="FOREST", show_default=False),
     ] = None,
     port: PortOption = None,
     shipped: Annotated[
