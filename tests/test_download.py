@@ -160,7 +160,9 @@ def test_pulled_at_any_byte_it_goes_on_from_there(
     assert not list(folder.glob("*.part"))
 
 
-@given(st.integers(0, 2**32), st.integers(200, 4000))
+# One byte in 300 spoilt and a frame of 240 bytes comes through less than every second time: then
+# ten tries in a row may fail, one download in forty, and the same command goes on from there.
+@given(st.integers(0, 2**32), st.integers(800, 4000))
 @settings(max_examples=10)
 def test_a_noisy_line_costs_time_only(
     tmp_path_factory: pytest.TempPathFactory, seed: int, every: int
