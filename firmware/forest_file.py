@@ -13,7 +13,7 @@ from solenav_core.framing import HEADER
 from solenav_core.messages import ASK_FOREST, DONE, FORMATS, REFUSED
 
 FILE = "forest.bin"
-_PIECE = const(12)  # words in a command
+_NEW = "forest.new"
 _ERROR = const(2)
 
 
@@ -48,6 +48,13 @@ def tables(forest):
     return made
 
 
+def _remove(path):
+    try:
+        os.remove(path)
+    except OSError:
+        pass  # there was none
+
+
 class Upload:
     """Pieces of a forest, in order; the last one is answered by what became of it.
 
@@ -63,31 +70,38 @@ class Upload:
         self._log = log
         self._words = None
         self._have = 0
+        self._ended = None  # place of the last piece, total, and what became of the forest
 
     def _take(self):
         arguments = unpack_from(FORMATS[ASK_FOREST], self._link.command, HEADER)
         at, total = arguments[:2]
+        piece = arguments[2:]
         if not self._idle():
             return self._end(REFUSED)
         if total == 0:
             self._plant(None)
-            self._forget()
+            _remove(FILE)
             return self._end(DONE)
         if at == 0 and total <= WORDS_MAX:
             self._words = array("i", bytes(4 * total))
             self._have = 0
+            self._ended = None
             # Each piece is answered before the next: a budget would only slow it down.
             self._link.unlimited = ASK_FOREST
+        # A piece may come twice, where its answer was lost: the last one as well.
+        if self._ended and self._ended[:2] == (at, total):
+            return self._ended[2]
         words = self._words
-        if words is None or total != len(words) or not at <= self._have <= at + _PIECE:
+        if words is None or total != len(words) or not at <= self._have <= at + len(piece):
             return self._end(REFUSED)
-        # A piece may come twice, where its answer was lost.
-        for i in range(min(_PIECE, total - at)):
-            words[at + i] = arguments[2 + i]
-        self._have = min(at + _PIECE, total)
+        for i in range(min(len(piece), total - at)):
+            words[at + i] = piece[i]
+        self._have = min(at + len(piece), total)
         if self._have < total:
             return DONE
-        return self._end(self._keep(words))
+        result = self._keep(words)
+        self._ended = at, total, result
+        return self._end(result)
 
     def _keep(self, words):
         """What becomes of a whole forest."""
@@ -96,23 +110,16 @@ class Upload:
             self._log(_ERROR, "that is no forest: " + wrong)
             return REFUSED
         try:
-            # The old one goes first: half a file would be told at each boot.
-            self._forget()
-            with open(FILE + ".new", "wb") as file:
+            with open(_NEW, "wb") as file:
                 file.write(words)
-            os.rename(FILE + ".new", FILE)
+            # Only a whole one takes the old one's place.
+            os.rename(_NEW, FILE)
         except OSError as error:
+            _remove(_NEW)
             self._log(_ERROR, "can't keep the forest in flash: %s" % error)
             return REFUSED
         self._plant(words)
         return DONE
-
-    @staticmethod
-    def _forget():
-        try:
-            os.remove(FILE)
-        except OSError:
-            pass  # there was none
 
     def _end(self, result):
         self._words = None

@@ -7,11 +7,17 @@ import itertools
 import subprocess
 import sys
 import time
+from binascii import crc32
 from pathlib import Path
 
+import pytest
 from test_doctor import STILL
 
 import solenav
+from solenav.errors import SolenavError
+from solenav.importing import to_capture
+from solenav.modes.training import Growth
+from solenav.sim.scenario import simulate
 from solenav_tools.board import SimulatedBoard
 
 
@@ -53,6 +59,31 @@ def test_a_notebook_reads_messages_one_by_one(replayed: Path) -> None:
     assert {"tick", "position", "attitude"} <= set(poses[0])
     wire = next(solenav.cat(replayed, only=["pose"], raw=True))
     assert all(isinstance(part, int) for part in wire["position"])
+
+
+def test_a_notebook_trains_judges_ships_and_sends_a_forest(tmp_path: Path) -> None:
+    to_capture(simulate("modes", seed=78).first(120.0), tmp_path / "course.solcap")
+    course = solenav.load(tmp_path / "course.solcap")
+    trained = solenav.train_forest(simulated=1, growth=Growth(trees=4))
+    assert trained.judgements["10 folds of windows"].right > 0.9
+    found = solenav.evaluate_forest([course], trained.words)
+    assert found["each window"].right > 0.9 and found["motion held"].windows > 50
+    trained.save(tmp_path / "own.forest")
+    assert solenav.export_forest(tmp_path / "own.forest", tmp_path / "t.py") == trained.words
+    assert "1 people on each simulated course" in (tmp_path / "t.py").read_text()
+    with SimulatedBoard(STILL, {"autostart": False}, realtime=True) as board:
+        sent = solenav.send_forest(board.port, trained.words)
+    assert sent.has == crc32(trained.words) and not sent.shipped
+
+
+def test_what_a_notebook_lacks_is_said(
+    replayed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("SOLENAV_UF2", raising=False)
+    with pytest.raises(SolenavError, match=r"no MicroPython|isn't installed"):
+        solenav.emulate(solenav.load(replayed), tmp_path / "out.solcap")
+    with pytest.raises(SolenavError, match="no recordings"):
+        solenav.tune_modes([])
 
 
 def test_a_notebook_watches_lists_and_reads_a_live_board() -> None:

@@ -155,7 +155,7 @@ def test_apply_changes_the_calibration_in_config_json_and_nothing_else(tmp_path:
     assert solenav("calibrate", "apply", path, config).returncode == 0
     assert json.loads(config.read_text())["params"] == {"K": 8000, "MOUNT_U": -3}
     config.write_text("[1]")
-    refused(solenav("calibrate", "apply", path, config), 2, "no config.json")
+    refused(solenav("calibrate", "apply", path, config), 2, "is no object")
 
 
 def test_simulate_and_import_put_a_calibration_into_the_parameters(

@@ -31,7 +31,7 @@ from solenav.errors import SolenavError
 from solenav.sim.board import simtime
 from solenav.verification import verify
 from solenav_core import messages
-from solenav_tools import download, firmware_run, recorder
+from solenav_tools import conversation, download, firmware_run, recorder
 from solenav_tools.board import SimulatedBoard
 from solenav_tools.ports import PortVanished
 
@@ -81,6 +81,7 @@ def simulated_time() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(download, "time", clock)
         patch.setattr(recorder, "time", clock)
+        patch.setattr(conversation, "time", clock)
         yield
 
 
@@ -159,7 +160,9 @@ def test_pulled_at_any_byte_it_goes_on_from_there(
     assert not list(folder.glob("*.part"))
 
 
-@given(st.integers(0, 2**32), st.integers(200, 4000))
+# One byte in 300 spoilt and a frame of 240 bytes comes through less than every second time: then
+# ten tries in a row may fail, one download in forty, and the same command goes on from there.
+@given(st.integers(0, 2**32), st.integers(800, 4000))
 @settings(max_examples=10)
 def test_a_noisy_line_costs_time_only(
     tmp_path_factory: pytest.TempPathFactory, seed: int, every: int
@@ -472,7 +475,7 @@ def test_what_can_t_be_done_is_said(tmp_path: Path) -> None:
     refused(solenav("download", "/dev/ttyNOSUCH7"), 2, "there is no port")
     refused(solenav("download", "/dev/null", "-o", tmp_path / "nowhere"), 2, "there is no folder")
     with sender(b"", then_vanish=False) as port:
-        refused(solenav("download", port, cwd=tmp_path), 1, "no answer to ASK_HELLO")
+        refused(solenav("download", port, cwd=tmp_path), 2, "nobody says HELLO")
     foreign = link.encode(messages.HELLO, 0, 0, bytes(messages.SIZES[messages.HELLO]))
     with sender(foreign * 50, then_vanish=False) as port:
         refused(solenav("download", port, cwd=tmp_path), 2, "firmware and host differ")

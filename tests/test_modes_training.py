@@ -132,7 +132,7 @@ def test_train_evaluate_and_export(tmp_path: Path) -> None:
     table = tmp_path / "forest.py"
     assert solenav("modes", "export", forest, "-o", table).returncode == 0
     written = runpy.run_path(str(table))["FOREST"]
-    assert forests.from_bytes(written) == training.load(forest)
+    assert forests.from_bytes(written) == forests.load(forest)
     assert "Trained on 1 recordings and 1 people" in table.read_text()
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from array import array
 from binascii import crc32
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 from numpy.typing import NDArray
-from test_doctor import STILL
 
 from solenav import capture, engines, forests, importing, mpu9150, parameters, replaying
 from solenav.engines.windows import NAMES, windows
@@ -26,10 +24,6 @@ from solenav.sim import torture
 from solenav.sim.scenario import simulate
 from solenav_core import forest, layout, navigator
 from solenav_core.tables.forest import FOREST
-from solenav_tools.board import SimulatedBoard
-from solenav_tools.forest_upload import upload
-from solenav_tools.injection import Session
-from solenav_tools.ports import open_port
 
 AT = layout.offsets(layout.STATE_FIELDS)
 WALK = simulate("line35", seed=3)
@@ -327,34 +321,3 @@ def test_a_capture_with_another_forest_verifies_with_that_alone(tmp_path: Path) 
     assert solenav("verify", path, "--forest", forest_file).returncode == 0
     forest_file.write_bytes(OTHER.tobytes()[:-4])
     refused(solenav("verify", path, "--forest", forest_file), 2, "other.forest", "no forest")
-
-
-@pytest.fixture
-def board() -> Iterator[SimulatedBoard]:
-    with SimulatedBoard(STILL, {"autostart": False}, realtime=True) as made:
-        yield made
-
-
-def test_a_forest_goes_into_a_board_and_out_again(board: SimulatedBoard) -> None:
-    shipped = crc32(FOREST)
-    with open_port(board.port) as port:
-        upload(port, OTHER)
-        hello = Session(port).hello()
-        assert hello["forest"] == crc32(OTHER)
-        upload(port, array("i"))
-        assert Session(port).hello()["forest"] == shipped
-
-
-def test_what_is_no_forest_is_refused_by_the_board(
-    board: SimulatedBoard, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    wrong = array("i", OTHER)
-    wrong[-1] = 5
-    with open_port(board.port) as port:
-        with pytest.raises(SolenavError, match="no forest"):
-            upload(port, wrong)
-        monkeypatch.setattr(forest, "objection", lambda words: None)
-        with pytest.raises(SolenavError, match="refuses"):
-            upload(port, wrong)
-        monkeypatch.undo()
-        assert Session(port).hello()["forest"] == crc32(FOREST)

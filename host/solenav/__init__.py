@@ -8,6 +8,8 @@
     solenav.plot(run, "walk.png")
 
 Each is the function that the command of that name calls, and is loaded when it is first used.
+`solenav modes train`, `evaluate`, `export` and `send` are those of a forest (`train_forest`),
+`solenav tune --modes` is `tune_modes`.
 Those that touch a device come from `solenav_tools`, which nothing else in this package knows.
 """
 
@@ -25,7 +27,11 @@ if TYPE_CHECKING:
     from solenav.datasets import read as read_recording
     from solenav.evaluation import evaluate
     from solenav.exporting import export
+    from solenav.forests import export as export_forest
     from solenav.importing import to_capture
+    from solenav.modes.making import evaluate as evaluate_forest
+    from solenav.modes.making import train as train_forest
+    from solenav.modes.thresholds import tune as tune_modes
     from solenav.plotting import plot
     from solenav.replaying import replay
     from solenav.sim.scenario import simulate
@@ -33,8 +39,10 @@ if TYPE_CHECKING:
     from solenav.verification import verify
     from solenav_tools.doctor import examine as doctor
     from solenav_tools.download import download
+    from solenav_tools.emulated_run import run as emulate
     from solenav_tools.firmware_run import run as run_firmware
     from solenav_tools.flash.flashing import flash
+    from solenav_tools.forest_upload import send as send_forest
     from solenav_tools.lines import cat
     from solenav_tools.matrix import run as matrix
     from solenav_tools.monitor.watch import monitor
@@ -47,8 +55,11 @@ _PLACES = {
     "compare": "solenav.comparison.runs:compare",
     "doctor": "solenav_tools.doctor:examine",
     "download": "solenav_tools.download:download",
+    "emulate": "solenav_tools.emulated_run:run",
     "evaluate": "solenav.evaluation:evaluate",
+    "evaluate_forest": "solenav.modes.making:evaluate",
     "export": "solenav.exporting:export",
+    "export_forest": "solenav.forests:export",
     "flash": "solenav_tools.flash.flashing:flash",
     "info": "solenav.capture.summary:summary",
     "load": "solenav.capture:load",
@@ -59,9 +70,12 @@ _PLACES = {
     "record": "solenav_tools.recording:record",
     "replay": "solenav.replaying:replay",
     "run_firmware": "solenav_tools.firmware_run:run",
+    "send_forest": "solenav_tools.forest_upload:send",
     "simulate": "solenav.sim.scenario:simulate",
     "to_capture": "solenav.importing:to_capture",
+    "train_forest": "solenav.modes.making:train",
     "tune": "solenav.tuning:tune",
+    "tune_modes": "solenav.modes.thresholds:tune",
     "verify": "solenav.verification:verify",
 }
 
@@ -72,8 +86,11 @@ __all__ = [
     "compare",
     "doctor",
     "download",
+    "emulate",
     "evaluate",
+    "evaluate_forest",
     "export",
+    "export_forest",
     "flash",
     "info",
     "load",
@@ -84,9 +101,12 @@ __all__ = [
     "record",
     "replay",
     "run_firmware",
+    "send_forest",
     "simulate",
     "to_capture",
+    "train_forest",
     "tune",
+    "tune_modes",
     "verify",
 ]
 

@@ -178,9 +178,6 @@ def measure(run: Capture, truth: Truth | None) -> Evaluation:
     rows = run.poses.rows
     time_s = run.time_of_tick(run.poses.tick)
     distance = float(rows["distance"][-1]) / 2**10
-    positions = run.positions()
-    east, north, up = (positions[-1] - positions[0]).tolist()
-    horizontal = math.hypot(east, north)
     return Evaluation(
         # The differences wrap as the counter does, so that their sum doesn't; signed, so that
         # one damaged count cancels out.
@@ -189,13 +186,20 @@ def measure(run: Capture, truth: Truth | None) -> Evaluation:
         distance_m=distance,
         duration_s=float(time_s[-1] - time_s[0]),
         poses=len(rows),
-        closure=Closure(
-            horizontal_m=horizontal,
-            vertical_m=up,
-            total_m=math.hypot(horizontal, up),
-            horizontal_share=horizontal / distance if distance else None,
-            meaningful=truth is not None and truth.closed_loop,
-        ),
+        closure=_closure(run.positions(), distance, truth),
+    )
+
+
+def _closure(position: FloatArray, distance_m: float, truth: Truth | None) -> Closure:
+    """What lies between the first and the last of positions (n, 3)."""
+    east, north, up = (position[-1] - position[0]).tolist()
+    horizontal = math.hypot(east, north)
+    return Closure(
+        horizontal_m=horizontal,
+        vertical_m=up,
+        total_m=math.hypot(horizontal, up),
+        horizontal_share=horizontal / distance_m if distance_m else None,
+        meaningful=truth is not None and truth.closed_loop,
     )
 
 
@@ -209,20 +213,12 @@ def evaluate_steps(
     if align not in ALIGNMENTS:
         raise SolenavError(f"unknown alignment {align!r}", f"choose one of {', '.join(ALIGNMENTS)}")
     time_s, position = walk.position_s, walk.position
-    east, north, up = (position[-1] - position[0]).tolist()
-    horizontal = math.hypot(east, north)
     found = Evaluation(
         steps=len(walk),
         distance_m=walk.distance_m,
         duration_s=float(time_s[-1] - time_s[0]),
         poses=len(time_s),
-        closure=Closure(
-            horizontal_m=horizontal,
-            vertical_m=up,
-            total_m=math.hypot(horizontal, up),
-            horizontal_share=horizontal / walk.distance_m if walk.distance_m else None,
-            meaningful=truth is not None and truth.closed_loop,
-        ),
+        closure=_closure(position, walk.distance_m, truth),
     )
     if truth is None or not len(truth.time_s):
         if require_truth:

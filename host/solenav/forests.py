@@ -6,15 +6,19 @@ they were trained on is nothing to the core, which knows a forest by its CRC-32 
 
 from __future__ import annotations
 
+import json
 from array import array
 from binascii import crc32
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from sys import byteorder
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solenav.errors import SolenavError
+from solenav.errors import SolenavError, unreadable, unwritable
 from solenav_core import forest
 from solenav_core.layout import CLASSES, FEATURES
 
@@ -57,6 +61,7 @@ def pack(trees: Sequence[Tree]) -> array[int]:
 
 
 _SMALLER = "train fewer or less deep trees"
+_ANEW = "train it anew with this version: another one's core may have other features"
 
 
 def _words(tree: Tree) -> Iterator[int]:
@@ -83,11 +88,16 @@ def _words(tree: Tree) -> Iterator[int]:
     yield from _words(tree.right)
 
 
-def unpack(words: Sequence[int]) -> list[Tree]:
-    """The trees of a forest's words. SolenavError where they are none."""
+def check(words: Sequence[int]) -> None:
+    """SolenavError where words are no forest that the core can walk."""
     wrong = forest.objection(words)
     if wrong:
-        raise SolenavError(f"no forest: {wrong}", "export it anew")
+        raise SolenavError(f"no forest: {wrong}", _ANEW)
+
+
+def unpack(words: Sequence[int]) -> list[Tree]:
+    """The trees of a forest's words. SolenavError where they are none."""
+    check(words)
     return [_tree(words, words[1 + i])[0] for i in range(words[0])]
 
 
@@ -122,10 +132,100 @@ def scores(words: array[int], features: NDArray[np.int64]) -> NDArray[np.int64]:
 def from_bytes(data: bytes) -> array[int]:
     """A forest's words from a file of them, little-endian. SolenavError where they are none."""
     if len(data) % 4:
-        raise SolenavError(f"no forest: {len(data)} bytes are no whole words", "export it anew")
+        raise SolenavError(f"no forest: {len(data)} bytes are no whole words", _ANEW)
     words = array("i", data)
-    unpack(words)
+    if byteorder == "big":
+        words.byteswap()
+    check(words)
     return words
+
+
+def load(path: Path | str) -> array[int]:
+    """A forest's words from a file. SolenavError where there is none in it, or another core's.
+
+    Of which core it is only the file beside it tells, if there is one.
+    """
+    path = Path(path)
+    try:
+        words = from_bytes(path.read_bytes())
+    except OSError as error:
+        raise unreadable(path, error) from None
+    except SolenavError as error:
+        raise SolenavError(f"{path}: {error.message}", error.remedy) from None
+    features = _about(path).get("features", FEATURES)
+    if features != FEATURES:
+        raise SolenavError(
+            f"{path} was trained on {features} features, and this core has {FEATURES}", _ANEW
+        )
+    return words
+
+
+def save(path: Path, words: array[int], about: dict[str, Any] | None = None) -> None:
+    """A forest's words into a file, little-endian, and `about` it into NAME.json beside.
+
+    SolenavError where they can't be written.
+    """
+    little = array("i", words)
+    if byteorder == "big":
+        little.byteswap()
+    try:
+        path.write_bytes(little.tobytes())
+        if about is not None:
+            text = json.dumps(about, indent=2) + "\n"
+            path.with_suffix(".json").write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise unwritable(path, error) from None
+
+
+def export(path: Path | str, output: Path | str) -> array[int]:
+    """Write a forest's file as the table that core and firmware ship; its words.
+
+    SolenavError where it holds no forest of this core, or the file beside it isn't what
+    `solenav modes train` writes, and where the table can't be written.
+    """
+    path, output = Path(path), Path(output)
+    words = load(path)
+    text = table(words, _trained_on(path))
+    try:
+        output.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise unwritable(output, error) from None
+    return words
+
+
+def _about(forest: Path) -> dict[str, Any]:
+    """What the file beside a forest says of it; {} where there is none."""
+    path = forest.with_suffix(".json")
+    try:
+        about = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError) as error:
+        raise _unclear(path, error) from None
+    if not isinstance(about, dict):
+        raise _unclear(path, "no object")
+    return about
+
+
+def _trained_on(forest: Path) -> str:
+    """A line on what a forest was trained on, from the file beside it."""
+    about = _about(forest)
+    if not about:
+        return "What it was trained on isn't known."
+    try:
+        growth, real, made = about["growth"], about["trained_on"], about["simulated"]
+        grown = f"depth {growth['depth']}, leaf {growth['leaf']}, seed {growth['seed']}"
+    except (KeyError, TypeError) as error:
+        raise _unclear(forest.with_suffix(".json"), error) from None
+    parts = [f"{len(real)} recordings"] * bool(real)
+    parts += [f"{made} people on each simulated course"] * bool(made)
+    return f"Trained on {' and '.join(parts)}; {grown}."
+
+
+def _unclear(path: Path, why: object) -> SolenavError:
+    return SolenavError(
+        f"{path} doesn't say what the forest was trained on: {why}", "delete it, or train anew"
+    )
 
 
 def table(words: array[int], about: str) -> str:

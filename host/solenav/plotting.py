@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from solenav import mpu9150, parameters
 from solenav.capture.contents import Capture
-from solenav.errors import SolenavError
+from solenav.errors import SolenavError, unwritable
 from solenav.evaluation import Comparison, Evaluation, compare, last_run, lay, measure, rmse
 from solenav.pdr.track import StepTrack
 from solenav.recording import FloatArray, Truth
@@ -148,9 +148,7 @@ def sheet(out: Path, size_in: tuple[float, float], dpi: int = DPI) -> Iterator[A
         try:
             figure.savefig(out, format="png")
         except OSError as error:
-            raise SolenavError(
-                f"can't write {out}: {error.strerror}", "choose another file", 1
-            ) from None
+            raise unwritable(out, error, exit_code=1) from None
 
 
 def _gather(capture: Capture) -> _Walk:

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solenav.errors import SolenavError
+from solenav.errors import SolenavError, unreadable
 from solenav.sim.board.faults import problem
 from solenav.sim.board.machine import RESTARTS
 from solenav.sim.feed_file import RECORD, write_feed
@@ -184,9 +184,7 @@ class SimulatedBoard:
         try:
             size = self._feed.stat().st_size
         except OSError as error:
-            raise SolenavError(
-                f"can't read {self._feed}: {error.strerror}", "check its name"
-            ) from None
+            raise unreadable(self._feed, error) from None
         if size % RECORD.itemsize:
             raise SolenavError(
                 f"{self._feed} is no feed file: {size} bytes, records have {RECORD.itemsize}",

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from array import array
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -12,24 +14,20 @@ import numpy as np
 import serial
 
 from solenav import parameters
-from solenav.capture.contents import Fragments
 from solenav.capture.summary import core_test, failed_sensors
 from solenav.errors import SolenavError
-from solenav.link import Damage, Frame, FrameReader, missing, unpack
-from solenav.link.schema import need_schema
+from solenav.link import Damage, Frame, missing, unpack
 from solenav.link.units import complaints, mode_text
 from solenav.mpu9150 import celsius
 from solenav_core import messages
 from solenav_core.tables.defaults import PARAMS
-from solenav_tools.ports import PortVanished, open_port, read_some
-from solenav_tools.recorder import Asker
+from solenav_tools.conversation import Conversation, Refused
+from solenav_tools.ports import PortVanished, open_port
 from solenav_tools.staging import build_hash
 
 PASS, WARN, FAIL, SKIP = "pass", "warn", "fail", "skipped"
 
-_HELLO_S = 4.0
 _ANSWER_S = 3.0
-_ASK_AGAIN_S = 1.0
 _READS = 500
 # A period's learned value may differ so much from the nominal one: the data sheet's clock.
 _CLOCK_SHARE = 0.05
@@ -54,7 +52,6 @@ class Seen:
     """What came from the board while it was listened to."""
 
     hello: dict[str, Any] = field(default_factory=dict)
-    params: bytes = b""
     statuses: list[dict[str, Any]] = field(default_factory=list)
     samples: list[tuple[int, dict[str, Any]]] = field(default_factory=list)  # tick, fields
     logs: list[str] = field(default_factory=list)
@@ -63,7 +60,6 @@ class Seen:
     damaged: int = 0
     lost: int = 0
     _seq: int = -1
-    _fragments: Fragments = field(default_factory=Fragments)
 
     def take(self, item: Frame | Damage) -> None:
         """Keep what a check will ask for."""
@@ -76,8 +72,6 @@ class Seen:
         fields = unpack(item)
         if item.kind == messages.HELLO:
             self.hello = fields
-        elif item.kind == messages.PARAMS:
-            self.params = self._fragments.add(item) or self.params
         elif item.kind == messages.STATUS:
             self.statuses.append(fields)
         elif item.kind == messages.SAMPLE:
@@ -107,26 +101,24 @@ class Doctor:
     """Examines the board at an open port. PortVanished where it goes away."""
 
     def __init__(self, port: serial.Serial, seconds: float) -> None:
-        self._port = port
         self._seconds = seconds
-        self._asker = Asker(port)
-        self._reader = FrameReader()
         self.seen = Seen()
+        self._talk = Conversation(port, self.seen.take)
 
     def examine(self, *, bus: bool) -> Iterator[Check]:
         """One check after the other. `bus`: test the bus even where that ends a walk.
 
         SolenavError where nobody speaks to us, or another schema.
         """
-        self._meet()
-        hello = self.seen.hello
+        hello = self._talk.hello()
+        params = self._talk.params()
         text = hello["text"].decode("utf-8", "replace")
         yield Check("board", PASS, text)
         yield self._build()
         yield _self_test(hello["self_test"])
         yield _sensor(hello["sensor"])
         yield _sensor_test(hello["sensor_test"])
-        yield self._parameters()
+        yield _parameters(params)
         self._listen(self._seconds)
         yield from self._status()
         yield self._jitter()
@@ -137,44 +129,11 @@ class Doctor:
         yield self._flash()
         yield from self._bus(bus)
 
-    def _meet(self) -> None:
-        if not self._ask(messages.ASK_HELLO, lambda: bool(self.seen.hello), _HELLO_S):
-            garbage = self.seen.damaged
-            raise SolenavError(
-                f"nobody says HELLO at {self._port.port}"
-                + (f", but {garbage} bursts of something else came" if garbage else ""),
-                "check that it is the UART's port and not the REPL's, TX and RX, the baud rate; "
-                "flash the firmware",
-            )
-        need_schema(self.seen.hello, str(self._port.port))
-        size = 4 * len(messages.NAMES)
-        self._ask(messages.ASK_HELLO, lambda: len(self.seen.params) == size, _ANSWER_S)
-
-    def _ask(self, kind: int, done: Any, seconds: float, *values: int) -> bool:
-        """Ask, and again each second, until `done` says so."""
-        end = time.monotonic() + seconds
-        again = 0.0
-        while not done():
-            now = time.monotonic()
-            if now >= end:
-                return False
-            if now >= again:
-                again = now + _ASK_AGAIN_S
-                self._asker.ask(kind, *values)
-            self._some()
-        return True
-
-    def _some(self, keep: list[Frame] | None = None) -> None:
-        self._asker.listen()
-        for item in self._reader.feed(read_some(self._port)):
-            self.seen.take(item)
-            if keep is not None and isinstance(item, Frame):
-                keep.append(item)
-
     def _listen(self, seconds: float) -> None:
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            self._some()
+            for _item in self._talk.items():
+                pass  # `seen` has it
 
     def _build(self) -> Check:
         there, here = self.seen.hello["build"], build_hash()
@@ -186,24 +145,6 @@ class Doctor:
             f"build {there:08x}, here {here:08x}; the same messages",
             "solenav flash, to have the same on both sides",
         )
-
-    def _parameters(self) -> Check:
-        values = np.frombuffer(self.seen.params, "<i4").tolist()
-        if len(values) != len(messages.NAMES):
-            return Check("parameters", FAIL, "PARAMS came incomplete", "look at the link first")
-        try:
-            parameters.checked(values)
-        except SolenavError as error:
-            return Check("parameters", FAIL, error.message, error.remedy)
-        rate = values[messages.NAMES.index("RATE_MHZ")] / 1000
-        other = [
-            name
-            for name, value, usual in zip(messages.NAMES, values, PARAMS, strict=True)
-            if value != usual
-        ]
-        own = f", not the defaults: {', '.join(other[:6])}" if other else ", all defaults"
-        more = f" and {len(other) - 6} more" if len(other) > 6 else ""
-        return Check("parameters", PASS, f"sound, {rate:g} Hz{own}{more}")
 
     def _status(self) -> Iterator[Check]:
         if not self.seen.statuses:
@@ -314,18 +255,11 @@ class Doctor:
         return Check("pose", PASS, "no complaint")
 
     def _flash(self) -> Check:
-        keep: list[Frame] = []
-
-        def done() -> bool:
-            return any(frame.kind == messages.FILE for frame in keep)
-
-        end = time.monotonic() + _ANSWER_S
-        self._asker.ask(messages.ASK_FILES, 0)
-        while not done() and time.monotonic() < end:
-            self._some(keep)
-        if not done():
+        self._talk.ask(messages.ASK_FILES, 0)
+        answer = self._talk.answer(messages.FILE, _ANSWER_S)
+        if answer is None:
             return Check("flash", SKIP, "the board has no black box", '"blackbox": "stop"')
-        file = unpack(next(frame for frame in keep if frame.kind == messages.FILE))
+        file = unpack(answer)
         found = f"{file['free']} bytes free, {file['count']} files"
         if self.seen.statuses and self.seen.statuses[-1]["log_lost"]:
             return Check("flash", FAIL, f"{found}; frames were lost", "solenav download --erase")
@@ -341,36 +275,25 @@ class Doctor:
             return
         sampling = mode != messages.IDLE
         if sampling:
-            self._acked(messages.ASK_STOP)
+            self._tell(messages.ASK_STOP)
         try:
             for khz in (400, 100):
                 yield self._bus_at(khz)
         finally:
             if sampling:
-                self._acked(messages.ASK_START)
+                self._tell(messages.ASK_START)
+
+    def _tell(self, kind: int) -> None:
+        """Whether it does that is its own affair: with a fault it may not be able to."""
+        with suppress(Refused):
+            self._talk.asked(kind)
 
     def _bus_at(self, khz: int) -> Check:
-        keep: list[Frame] = []
-        self._asker.ask(messages.ASK_BUS_TEST, khz, _READS)
-        end = time.monotonic() + 2 * _ANSWER_S
-        while time.monotonic() < end:
-            self._some(keep)
-            for frame in keep:
-                if frame.kind == messages.BUS_TEST:
-                    return _bus_verdict(unpack(frame))
-            keep.clear()
+        self._talk.ask(messages.ASK_BUS_TEST, khz, _READS)
+        answer = self._talk.answer(messages.BUS_TEST, 2 * _ANSWER_S)
+        if answer is not None:
+            return _bus_verdict(unpack(answer))
         return Check(f"bus at {khz} kHz", FAIL, "the board didn't answer", "look at the link first")
-
-    def _acked(self, kind: int) -> None:
-        keep: list[Frame] = []
-        seq = self._asker.ask(kind)
-        end = time.monotonic() + _ANSWER_S
-        while time.monotonic() < end:
-            self._some(keep)
-            for frame in keep:
-                if frame.kind == messages.ACK and unpack(frame)["command_seq"] == seq:
-                    return
-            keep.clear()
 
 
 def _bus_verdict(found: dict[str, Any]) -> Check:
@@ -381,6 +304,24 @@ def _bus_verdict(found: dict[str, Any]) -> Check:
         return Check(name, PASS, text)
     remedy = "pull-ups near 2 kΩ, SDA and SCL each twisted with ground, a shorter cable"
     return Check(name, WARN if share <= _BUS_SHARE else FAIL, text, remedy)
+
+
+def _parameters(values: array[int] | None) -> Check:
+    if values is None:
+        return Check("parameters", FAIL, "PARAMS came incomplete", "look at the link first")
+    try:
+        parameters.checked(list(values))
+    except SolenavError as error:
+        return Check("parameters", FAIL, error.message, error.remedy)
+    rate = values[messages.NAMES.index("RATE_MHZ")] / 1000
+    other = [
+        name
+        for name, value, usual in zip(messages.NAMES, values, PARAMS, strict=True)
+        if value != usual
+    ]
+    own = f", not the defaults: {', '.join(other[:6])}" if other else ", all defaults"
+    more = f" and {len(other) - 6} more" if len(other) > 6 else ""
+    return Check("parameters", PASS, f"sound, {rate:g} Hz{own}{more}")
 
 
 def _self_test(failed: int) -> Check:

@@ -16,17 +16,13 @@ from solenav.capture import CaptureWriter, read_records
 from solenav.capture.sidecar import write_sidecar
 from solenav.errors import SolenavError
 from solenav.link import NAMES, Damage, Frame, FrameReader, decode, unpack
-from solenav.link.schema import need_schema
+from solenav.progress import Progress, unseen
 from solenav_core import messages
-from solenav_tools.ports import PortVanished, open_port, read_some
-from solenav_tools.progress import Progress, unseen
-from solenav_tools.recorder import Asker
+from solenav_tools.conversation import FLASH, PATIENCE_S, TRIES, Conversation, Refused, unheard
+from solenav_tools.ports import PortVanished, open_port
 
 _WINDOW = 16384  # bytes asked for at once
-_PATIENCE_S = 1.0  # without progress: ask again
 _IN_FLIGHT_S = 0.5  # for so long what was asked for before still arrives
-_TRIES = 10
-_HELLO_TRIES = 3
 
 
 class Stored(NamedTuple):
@@ -88,15 +84,11 @@ class BlackBox:
     def __init__(self, port: serial.Serial) -> None:
         self.free = 0  # bytes of flash, from the last listing
         self.longest = 0  # µs, the longest access to flash since power-up
-        self._port = port
-        self._asker = Asker(port)
-        self._reader = FrameReader()
+        self._talk = Conversation(port)
 
     def hello(self) -> None:
         """Ask who is there. SolenavError where that is nobody, or one of another schema."""
-        for frame in self._answers(messages.HELLO, messages.ASK_HELLO, tries=_HELLO_TRIES):
-            need_schema(unpack(frame), str(self._port.name))
-            return
+        self._talk.hello()
 
     def files(self) -> list[Stored]:
         """The files, oldest first."""
@@ -148,44 +140,33 @@ class BlackBox:
         for _frame in self._answers(messages.ACK, messages.ASK_ERASE, *file):
             return
 
-    def _answers(
-        self, wanted: int, kind: int, *values: int, tries: int = _TRIES
-    ) -> Iterator[Frame]:
+    def _answers(self, wanted: int, kind: int, *values: int) -> Iterator[Frame]:
         """Ask, and ask again where nothing comes; yield what comes of the type `wanted`."""
         refused = False
-        for _try in range(tries):
-            seq = self._asker.ask(kind, *values)
-            deadline = time.monotonic() + _PATIENCE_S
+        for _try in range(TRIES):
+            seq = self._talk.ask(kind, *values)
+            deadline = time.monotonic() + PATIENCE_S
             while time.monotonic() < deadline:
-                self._asker.listen()
-                for item in self._reader.feed(read_some(self._port)):
-                    if isinstance(item, Damage):
-                        continue
-                    if item.kind == messages.ACK:
-                        fields = unpack(item)
+                for frame in self._talk.frames():
+                    if frame.kind == messages.ACK:
+                        fields = unpack(frame)
                         if (fields["command"], fields["command_seq"]) != (kind, seq):
                             continue
                         if fields["result"] == messages.UNKNOWN:
                             raise SolenavError(
-                                f"{self._port.name}: the firmware doesn't know {NAMES[kind]}",
-                                "flash the firmware that goes with this host version",
+                                f"{self._talk.where}: the firmware doesn't know {NAMES[kind]}",
+                                FLASH,
                             )
                         if fields["result"] == messages.REFUSED:
                             # It may still be writing what we have missed: again in a while.
                             refused = True
                             continue
-                    if item.kind == wanted:
-                        deadline = time.monotonic() + _PATIENCE_S
-                        yield item
+                    if frame.kind == wanted:
+                        deadline = time.monotonic() + PATIENCE_S
+                        yield frame
         if refused:
-            raise SolenavError(
-                f"{self._port.name}: the board refuses {NAMES[kind]}", "start again", 1
-            )
-        raise SolenavError(
-            f"no answer to {NAMES[kind]} from {self._port.name}",
-            "check that it is the solenav board's port, and the baud rate",
-            1,
-        )
+            raise Refused(NAMES[kind], "", "start again")
+        raise unheard(self._talk.where, NAMES[kind])
 
 
 def download(

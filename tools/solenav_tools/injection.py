@@ -22,17 +22,15 @@ from solenav import engines, replaying
 from solenav.capture import Capture
 from solenav.capture.contents import Fragments
 from solenav.errors import SolenavError
-from solenav.link import Frame, FrameReader, command, unpack
-from solenav.link.schema import need_forest, need_schema
+from solenav.link import command, unpack
+from solenav.link.schema import need_forest
 from solenav_core import messages
+from solenav_tools.conversation import PATIENCE_S, TRIES, Conversation, unheard
 from solenav_tools.matrix import Difference, state_difference
-from solenav_tools.ports import read_some, send
-from solenav_tools.recorder import Asker
+from solenav_tools.ports import send
 
 _WINDOW = 4  # commands of 36 bytes: the board's receive buffer has 256
-_PATIENCE_S = 1.0
-_TRIES = 10
-_FLASH = "flash the firmware that goes with this host version"
+_SAMPLES = "injected samples"
 
 
 @dataclasses.dataclass
@@ -72,6 +70,9 @@ def inject(
     session = Session(port)
     hello = session.hello()
     need_forest(hello, forest, f"the board at {port.port}")
+    held = session.params()
+    if held is None:
+        raise unheard(session.where, "ASK_HELLO in full: its parameters are missing")
     name = engine or engines.default_name()
     report = DeviceReport(
         hello["text"].decode("utf-8", "replace"), name, samples=len(capture.samples)
@@ -79,16 +80,16 @@ def inject(
     words = replaying.samples_of(capture).words
     # An engine may compile at its first tick, for longer than the board's patience.
     engines.create(name, capture.params[0][1]).advance(words, 0, 1)
-    session.asked(messages.ASK_INJECT, 1)
+    session.asked(messages.ASK_INJECT, 1, what=_SAMPLES)
     began = time.monotonic()
     try:
-        _run(session, capture, words, report, progress, forest)
+        _run(session, capture, words, report, progress, forest, held)
     except SolenavError:
         # It may have been restarted, or hear nothing: then its own patience ends it.
         session.leave()
         raise
     report.seconds = round(time.monotonic() - began, 3)
-    session.asked(messages.ASK_INJECT, 0)
+    session.asked(messages.ASK_INJECT, 0, what=_SAMPLES)
     return report
 
 
@@ -99,21 +100,22 @@ def _run(
     report: DeviceReport,
     progress: Callable[[int], None],
     forest: array[int] | None,
+    held: array[int],
 ) -> None:
     params = capture.params[0][1][:]
     changes = replaying.parameter_changes(capture)
     core = engines.create(report.engine, params, forest)
-    held = session.params
     stops = sorted({0, *changes, len(words)})
     for start, stop in pairwise(stops):
         if start in changes:
             params[:] = changes[start]
         for index, (there, wanted) in enumerate(zip(held, params, strict=True)):
             if there != wanted:
-                session.asked(messages.ASK_PARAM, index, wanted)
+                name = f"parameter {messages.NAMES[index]} = {wanted}"
+                session.asked(messages.ASK_PARAM, index, wanted, what=name)
         held = params[:]
         sent = start
-        due = time.monotonic() + _PATIENCE_S
+        due = time.monotonic() + PATIENCE_S
         tries = 0
         while report.ticks < stop:
             while sent < min(stop, report.ticks + _WINDOW):
@@ -124,7 +126,7 @@ def _run(
                 if time.monotonic() >= due:
                     # Something was lost on the way: again from the last one that was answered.
                     tries += 1
-                    if tries > _TRIES:
+                    if tries > TRIES:
                         raise SolenavError(
                             f"the board stopped answering after {report.ticks} samples",
                             "look at the link with `solenav doctor`, and start again",
@@ -132,7 +134,7 @@ def _run(
                         )
                     report.resent += sent - report.ticks
                     sent = report.ticks
-                    due = time.monotonic() + _PATIENCE_S
+                    due = time.monotonic() + PATIENCE_S
                 continue
             tick, digest = answer
             if tick <= report.ticks:
@@ -149,84 +151,31 @@ def _run(
                 )
                 return
             report.ticks = tick
-            tries, due = 0, time.monotonic() + _PATIENCE_S
+            tries, due = 0, time.monotonic() + PATIENCE_S
             progress(tick)
 
 
-class Session:
-    """The conversation with the board."""
+class Session(Conversation):
+    """With a board that runs a host's samples."""
 
     def __init__(self, port: serial.Serial) -> None:
-        self.params: array[int] = array("i")
-        self._port = port
-        self._asker = Asker(port)
-        self._reader = FrameReader()
-        self._waiting: list[Frame] = []
-        self._seq = 0
-
-    def hello(self) -> dict[str, Any]:
-        """Who is there, and its parameters. SolenavError where nobody is, or another schema."""
-        fragments = Fragments()
-        hello: dict[str, Any] = {}
-        for _try in range(_TRIES):
-            self._asker.ask(messages.ASK_HELLO)
-            end = time.monotonic() + _PATIENCE_S
-            while time.monotonic() < end:
-                for frame in self._frames():
-                    if frame.kind == messages.HELLO:
-                        hello = unpack(frame)
-                        need_schema(hello, str(self._port.port))
-                    elif frame.kind == messages.PARAMS:
-                        whole = fragments.add(frame)
-                        if hello and whole is not None:
-                            self.params = array("i", whole)
-                            return hello
-        raise SolenavError(
-            f"no solenav board answers at {self._port.port}",
-            "check that it is the UART's port, and the baud rate",
-            1,
-        )
-
-    def asked(self, kind: int, *values: int, remedy: str = _FLASH) -> None:
-        """A command, carried out. SolenavError where it is refused or not heard."""
-        for _try in range(_TRIES):
-            seq = self._asker.ask(kind, *values)
-            end = time.monotonic() + _PATIENCE_S
-            while time.monotonic() < end:
-                for frame in self._frames():
-                    if frame.kind != messages.ACK:
-                        continue
-                    fields = unpack(frame)
-                    if (fields["command"], fields["command_seq"]) != (kind, seq):
-                        continue
-                    if fields["result"] in (messages.DONE, messages.REPEATED):
-                        return
-                    raise SolenavError(
-                        f"the board refuses {_what(kind, values)}",
-                        remedy,
-                        1,
-                    )
-        raise SolenavError(
-            f"the board doesn't answer to {_what(kind, values)}", "look at the link", 1
-        )
+        super().__init__(port)
+        self._samples_seq = 0
 
     def leave(self) -> None:
         """Ask for the end, without waiting for it."""
-        self._asker.ask(messages.ASK_INJECT, 0)
+        self.ask(messages.ASK_INJECT, 0)
 
     def put(self, before: int, sample: list[int]) -> None:
         """One sample on its way."""
-        self._seq = (self._seq + 1) & 255
-        send(self._port, command(messages.INJECT, self._seq, before, *sample))
+        self._samples_seq = (self._samples_seq + 1) & 255
+        send(self._port, command(messages.INJECT, self._samples_seq, before, *sample))
 
     def next(self) -> tuple[int, int] | None:
         """Tick and digest of the next INJECTED; None where none is there yet."""
-        if not self._waiting:
-            self._waiting = [
-                f for f in self._frames() if f.kind in (messages.INJECTED, messages.ACK)
-            ]
-        while self._waiting:
-            frame = self._waiting.pop(0)
+        for frame in self.frames():
+            if frame.kind not in (messages.INJECTED, messages.ACK):
+                continue
             fields = unpack(frame)
             if frame.kind == messages.INJECTED:
                 return frame.tick, fields["digest"]
@@ -244,22 +193,13 @@ class Session:
         None where the board doesn't show its state, or has gone on since.
         """
         fragments = Fragments()
-        self._asker.ask(messages.ASK_SNAPSHOT)
-        end = time.monotonic() + 3 * _PATIENCE_S
+        self.ask(messages.ASK_SNAPSHOT)
+        end = time.monotonic() + 3 * PATIENCE_S
         while time.monotonic() < end:
-            for frame in self._frames():
+            for frame in self.frames():
                 if frame.kind != messages.SNAPSHOT:
                     continue
                 whole = fragments.add(frame)
                 if whole is not None and frame.tick == tick:
                     return state_difference("", tick, array("i", whole), state)
         return None
-
-    def _frames(self) -> list[Frame]:
-        return [f for f in self._reader.feed(read_some(self._port)) if isinstance(f, Frame)]
-
-
-def _what(kind: int, values: tuple[int, ...]) -> str:
-    if kind == messages.ASK_PARAM:
-        return f"parameter {messages.NAMES[values[0]]} = {values[1]}"
-    return "injected samples"

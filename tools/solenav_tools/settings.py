@@ -28,7 +28,7 @@ from typing import Any
 import typer
 from rich.color import Color, ColorParseError
 
-from solenav.errors import SolenavError
+from solenav.errors import SolenavError, unreadable
 from solenav.parameters import Settings as Parameters
 
 if sys.version_info >= (3, 11):
@@ -87,7 +87,7 @@ def _read(path: Path) -> Settings:
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise SolenavError(f"can't read {path}: {error.strerror}", "check the name") from None
+        raise unreadable(path, error) from None
     except ValueError as error:
         raise SolenavError(f"{path} is no TOML: {error}", "mend it or move it away") from None
     _known(path, "", content, ("default_port", "ports", "parameters"))

@@ -9,7 +9,6 @@ cores.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -20,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pages import DOCS, wrapped
+from pages import DOCS, as_script, wrapped
 from recordings import FLOOR_SHARE, walks
 
 from solenav import mpu9150, parameters
@@ -643,16 +642,12 @@ def draw(found: dict[str, Outcome], out: Path) -> None:
         figure.text(0.015, 0.938, "violet: better; framed: by more than the spread", color=INK)
 
 
-def main() -> None:
-    if len(sys.argv) != 2:
-        sys.exit("usage: python tools/studies/particles.py DATA")
-    try:
-        found, tried = gathered(Path(sys.argv[1]))
-        draw(found, DOCS / "figures" / "particles.png")
-    except SolenavError as error:
-        sys.exit(error.message)
+def study(data: Path) -> None:
+    """docs/particles.md and its figure, from the folder of recordings."""
+    found, tried = gathered(data)
+    draw(found, DOCS / "figures" / "particles.png")
     (DOCS / "particles.md").write_text(report(found, tried), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main()
+    as_script(study)

@@ -48,8 +48,8 @@ def render() -> str:
         "",
         "from array import array",
         "",
-        "# EXP2 (257), ATAN (16), GAUSS (300), as `layout.TABLE_FIELDS` lists them. Bytes: a list of",
-        "# so many numbers takes a board three times the room to load.",
+        "# EXP2 (257), ATAN (16), GAUSS (300), as `layout.TABLE_FIELDS` lists them.",
+        "# Bytes, as a list of so many numbers takes a board three times the room.",
         "TABLES = array(",
         '    "i",',
     ]

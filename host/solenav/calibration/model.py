@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from solenav import mpu9150
-from solenav.errors import SolenavError
+from solenav.errors import SolenavError, unreadable, unwritable
 from solenav.recording import FloatArray
 
 Vector = tuple[float, float, float]
@@ -215,7 +215,7 @@ def load(path: Path) -> Calibration:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise SolenavError(f"can't read {path}: {error.strerror}", "check its name") from None
+        raise unreadable(path, error) from None
     except ValueError as error:
         raise SolenavError(f"{path} is no JSON: {error}", "mend it or make it anew") from None
     try:
@@ -230,7 +230,7 @@ def save(path: Path, calibration: Calibration) -> None:
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise SolenavError(f"can't write {path}: {error.strerror}", "choose another file") from None
+        raise unwritable(path, error) from None
 
 
 def _known(content: Mapping[str, Any], names: set[str], where: str) -> None:

@@ -18,7 +18,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from solenav.errors import SolenavError
+from solenav.errors import SolenavError, unreadable
 from solenav.link import Frame, FrameReader
 
 MAGIC = b"SOLCAP1\n"
@@ -101,7 +101,7 @@ def scan(path: Path) -> Records:
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise SolenavError(f"can't read {path}: {error.strerror}", "check the name") from None
+        raise unreadable(path, error) from None
     if not data:
         raise SolenavError(
             f"{path} is empty", "the recording ended before a byte came: record again"

@@ -214,11 +214,6 @@ class _Noise(NamedTuple):
 
 
 @njit(cache=True)
-def _skew(v: FloatArray) -> FloatArray:
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-
-
-@njit(cache=True)
 def _navigate(
     given: Inputs,
     noise: _Noise,
@@ -255,7 +250,7 @@ def _navigate(
     for n in range(first, len(accel)):
         rate = gyro[n] - b_g
         force = motion.integrate(accel[n], rate, gravity, dt, q, v, p)
-        transition[3:6, 6:9] = -dt * _skew(force)
+        transition[3:6, 6:9] = -dt * motion.skew(force)
         cov = transition @ cov @ transition.T
         for i in range(3):
             cov[3 + i, 3 + i] += noise.q_v

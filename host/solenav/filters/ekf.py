@@ -96,11 +96,6 @@ def run(walk: Walk, aids: Aids, *, states: int, tuning: Tuning | None = None) ->
 
 
 @njit(cache=True)
-def _skew(v: FloatArray) -> FloatArray:
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-
-
-@njit(cache=True)
 def _matrix(q: FloatArray) -> FloatArray:
     out = np.empty((3, 3))
     for i in range(3):
@@ -132,7 +127,7 @@ def _navigate(
     for n in range(first, len(accel)):
         rate = gyro[n] - b_g
         force = motion.integrate(accel[n] - b_a, rate, gravity, dt, q, v, p)
-        transition[3:6, 6:9] = -dt * _skew(force)
+        transition[3:6, 6:9] = -dt * motion.skew(force)
         if states == 15:
             body = _matrix(q)
             transition[3:6, 9:12] = -dt * body

@@ -23,6 +23,12 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 @njit(cache=True)
+def skew(v: FloatArray) -> FloatArray:
+    """The matrix (3, 3) that takes a vector to its cross product with `v`."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+@njit(cache=True)
 def multiply(a: FloatArray, b: FloatArray) -> FloatArray:
     """The product a ⊗ b."""
     out = np.empty(4)

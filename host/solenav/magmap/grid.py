@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from solenav.errors import SolenavError
+from solenav.errors import SolenavError, unwritable
 from solenav.recording import FloatArray
 
 FORMAT, VERSION = "solenav magnetic map", 1
@@ -103,9 +103,7 @@ class MagneticMap:
                     deviation=self.deviation,
                 )
         except OSError as error:
-            raise SolenavError(
-                f"can't write {path}: {error.strerror}", "choose another file"
-            ) from (None)
+            raise unwritable(path, error) from None
 
 
 def load(path: Path) -> MagneticMap:

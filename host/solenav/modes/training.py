@@ -15,8 +15,6 @@ from array import array
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from pathlib import Path
-from sys import byteorder
 from typing import Any
 
 import numpy as np
@@ -278,29 +276,6 @@ def leave_out(
 def shipped() -> array[int]:
     """The forest that ships with the core."""
     return forests.from_bytes(FOREST)
-
-
-def save(path: Path, words: array[int]) -> None:
-    """A forest's words into a file, little-endian. SolenavError where it can't be written."""
-    little = array("i", words)
-    if byteorder == "big":
-        little.byteswap()
-    try:
-        path.write_bytes(little.tobytes())
-    except OSError as error:
-        raise SolenavError(f"can't write {path}: {error.strerror}", "choose another file") from None
-
-
-def load(path: Path) -> array[int]:
-    """A forest's words from a file. SolenavError where there is none in it."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise SolenavError(f"can't read {path}: {error.strerror}", "check the path") from None
-    try:
-        return forests.from_bytes(data)
-    except SolenavError as error:
-        raise SolenavError(f"{path}: {error.message}", error.remedy) from None
 
 
 def _nothing() -> IntArray:

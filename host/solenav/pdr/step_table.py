@@ -15,7 +15,7 @@ import numpy as np
 
 from solenav.capture import sidecar
 from solenav.datasets import checks
-from solenav.errors import SolenavError
+from solenav.errors import SolenavError, unwritable
 from solenav.pdr.track import SOURCES, StepTrack
 from solenav.recording import Truth
 
@@ -99,4 +99,4 @@ def write(path: Path, walk: StepTrack, truth: Truth | None = None) -> None:
             notes = {"name": walk.name, "truth": sidecar.truth_notes(truth)}
             sidecar.write_sidecar(path, notes)
     except OSError as error:
-        raise SolenavError(f"can't write {path}: {error.strerror}", "choose another file") from None
+        raise unwritable(path, error) from None

@@ -2,8 +2,8 @@
 
 from array import array
 
-# EXP2 (257), ATAN (16), GAUSS (300), as `layout.TABLE_FIELDS` lists them. Bytes: a list of
-# so many numbers takes a board three times the room to load.
+# EXP2 (257), ATAN (16), GAUSS (300), as `layout.TABLE_FIELDS` lists them.
+# Bytes, as a list of so many numbers takes a board three times the room.
 TABLES = array(
     "i",
     b"\x00\x80\x00\x00\xa7\x7f\x00\x00\x4f\x7f\x00\x00\xf7\x7e\x00\x00\x9f\x7e\x00\x00"

@@ -9,17 +9,21 @@ from typing import Annotated
 import typer
 
 from solenav import forests
-from solenav.errors import SolenavError
 from solenav_tools.ports import BAUD, known_names
 
+_PORT = "Serial port of the board, or its name in solenav.toml; default: the only one."
 Port = Annotated[
     str | None,
     typer.Argument(
-        help="Serial port of the board, or its name in solenav.toml; default: the only one.",
+        help=_PORT,
         metavar="[PORT]",
         autocompletion=lambda: known_names(),
         show_default=False,
     ),
+]
+PortOption = Annotated[
+    str | None,
+    typer.Option("--port", help=_PORT, autocompletion=lambda: known_names(), show_default=False),
 ]
 Baud = Annotated[
     int | None, typer.Option(help=f"Bits per second; default: {BAUD}.", show_default=False)
@@ -37,11 +41,4 @@ ForestFile = Annotated[
 
 def forest_from(path: Path | None) -> array[int] | None:
     """The words in a forest's file; None without a file. SolenavError where they are no forest."""
-    if path is None:
-        return None
-    try:
-        return forests.from_bytes(path.read_bytes())
-    except OSError as error:
-        raise SolenavError(f"can't read {path}: {error.strerror}", "check the name") from None
-    except SolenavError as error:
-        raise SolenavError(f"{path}: {error.message}", error.remedy) from None
+    return None if path is None else forests.load(path)

@@ -14,12 +14,13 @@ from solenav import capture
 from solenav.calibration import Calibration, accelerometer, finding, guide, gyro, magnetometer
 from solenav.calibration.still import EDGES, FACES, from_capture
 from solenav.capture.sidecar import sidecar_path
-from solenav.errors import SolenavError
+from solenav.errors import SolenavError, unreadable
 from solenav.recording import Recording
 from solenav_tools.calibration_run import guided
 from solenav_tools.cli.arguments import Baud
 from solenav_tools.cli.calibrate_allan import calibrate_allan
 from solenav_tools.cli.output import Json, check_output, say, say_json, tell, warn, write_text
+from solenav_tools.flash.boards import parse_config
 
 app = typer.Typer(
     help="Find a board's calibration, and put it into the firmware's config.json.",
@@ -221,15 +222,9 @@ def _line(made: dict[str, Any]) -> str:
 def _config(path: Path) -> dict[str, Any]:
     """The object in a config.json; an empty one where there is no file."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         return {}
     except OSError as error:
-        raise SolenavError(f"can't read {path}: {error.strerror}", "check its name") from None
-    except ValueError as error:
-        raise SolenavError(f"{path} is no JSON: {error}", "mend it, or start with {}") from None
-    if not isinstance(content, dict) or not isinstance(content.get("params", {}), dict):
-        raise SolenavError(
-            f'{path} is no config.json: it or its "params" is no object', "start with {}"
-        )
-    return content
+        raise unreadable(path, error) from None
+    return parse_config(text, str(path))

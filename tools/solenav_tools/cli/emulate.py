@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from solenav import capture, importing
-from solenav.errors import SolenavError
+from solenav.errors import SolenavError, unreadable
 from solenav.sim.gait import SCENARIOS
+from solenav_tools import emulated_run
 from solenav_tools.cli.output import (
     Json,
     check_output,
@@ -115,7 +116,7 @@ def _json_file(path: Path, kind: type, what: str) -> Any:
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise SolenavError(f"can't read {path}: {error.strerror}", "check its name") from None
+        raise unreadable(path, error) from None
     except ValueError as error:
         raise SolenavError(f"{path} is no JSON: {error}", "mend it") from None
     if not isinstance(found, kind):
@@ -132,14 +133,12 @@ def _record(
     faults: list[dict[str, Any]],
     as_json: bool,
 ) -> None:
-    from solenav_tools.emulator import run
-
     span = float(source.samples.rows["time"][-1] - source.samples.rows["time"][0])
     with progress("emulating", int(1000 * (span + 2))) as done:
-        outcome = run.record(
-            uf2,
+        outcome = emulated_run.run(
             source,
             output,
+            uf2=uf2,
             pose_every=pose_every,
             config=config,
             faults=faults,

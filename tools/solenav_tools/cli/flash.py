@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 from serial.tools import list_ports
 
-from solenav.errors import SolenavError
+from solenav.errors import SolenavError, unreadable
 from solenav_tools import settings
 from solenav_tools.cli.arguments import Baud
 from solenav_tools.cli.output import Json, progress, say, say_json, tell, warn
@@ -114,7 +114,7 @@ def _given(config: Path | None) -> dict[str, object]:
     try:
         return boards.parse_config(config.read_text(encoding="utf-8"), str(config))
     except OSError as error:
-        raise SolenavError(f"can't read {config}: {error.strerror}", "check its name") from None
+        raise unreadable(config, error) from None
 
 
 def _asks() -> bool:

@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import json
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from solenav import capture
+from solenav import forests
+from solenav.capture import Capture, load
 from solenav.errors import SolenavError
 from solenav.modes.labels import MODES
-from solenav_tools.cli.output import (
-    Json,
-    check_output,
-    progress,
-    say,
-    say_json,
-    tell,
-    write_text,
-)
+from solenav_tools.cli.arguments import Baud, PortOption, forest_from
+from solenav_tools.cli.output import Json, check_output, progress, say, say_json, tell
+from solenav_tools.forest_upload import send as put
+from solenav_tools.ports import chosen_port
 
 if TYPE_CHECKING:
     # It needs numba, which the other commands do without.
-    from solenav.modes.training import Examples, Judgement
+    from solenav.modes.training import Judgement
 
 app = typer.Typer(help="The forest that tells motions apart.", no_args_is_help=True)
 SUFFIX = ".forest"
@@ -57,38 +52,23 @@ def train(
     Cross validation over windows has each walk on both sides; leaving out recordings hasn't.
     """
     _need_numba()
-    from solenav.modes import training
+    from solenav.modes import making
+    from solenav.modes.training import Growth
 
     check_output(output, SUFFIX)
     if figure is not None:
         check_output(figure, ".png")
-    growth = training.Growth(trees, depth, leaf, seed)
-    real = _examples(files or [])
-    with progress("simulating", 1) as done:
-        made = training.simulated(simulated)
-        done(1)
-    data = [*real, *made]
-    words = training.train(data, growth)
-    found = {"10 folds of windows": training.cross_validate(data, growth)}
-    if len({one.group for one in data}) > 1:
-        left_out = real or made
-        with progress("leaving out recordings", len({one.group for one in left_out})) as done:
-            always = made if real else []
-            found["recordings left out"] = training.leave_out(left_out, growth, always, done)
-    if real and made:
-        alone = training.train(made, growth)
-        found["simulated walks alone"] = training.judge(alone, real)
-    training.save(output, words)
-    about: dict[str, Any] = {
-        "trained_on": [one.name for one in real],
-        "simulated": simulated,
-        "growth": {"trees": trees, "depth": depth, "leaf": leaf, "seed": seed},
-        "words": len(words),
-        "judgements": {name: one.as_dict() for name, one in found.items()},
-    }
-    write_text(output.with_suffix(".json"), json.dumps(about, indent=2) + "\n")
-    _report(found, figure, {"forest": str(output), **about}, as_json)
-    tell(f"{output}: {words[0]} trees, {len(words)} words; `solenav modes export` ships it")
+    trained = making.train(
+        _captures(files),
+        simulated=simulated,
+        growth=Growth(trees, depth, leaf, seed),
+        progress=progress,
+    )
+    trained.save(output)
+    result = {"forest": str(output), **trained.as_dict()}
+    _report(trained.judgements, figure, result, as_json)
+    size = f"{trained.words[0]} trees, {len(trained.words)} words"
+    tell(f"{output}: {size}; `solenav modes send` takes it to a board")
 
 
 @app.command()
@@ -103,18 +83,11 @@ def evaluate(
     Exit code 1: less than 97 % of the windows are right.
     """
     _need_numba()
-    from solenav.modes import training
+    from solenav.modes import making
 
     if figure is not None:
         check_output(figure, ".png")
-    words = training.load(forest) if forest is not None else training.shipped()
-    data = _examples(files or [], words)
-    if not data:
-        raise SolenavError("nothing to judge by", "name captures with labels beside them")
-    found = {
-        "each window": training.judge(words, data),
-        "motion held": training.judge_held(data),
-    }
+    found = making.evaluate(_captures(files), forest_from(forest), progress=progress)
     shown = {name: one.as_dict() for name, one in found.items()}
     _report(found, figure, {"judgements": shown}, as_json)
     if found["each window"].right < GOAL:
@@ -133,44 +106,48 @@ def export(
     ],
 ) -> None:
     """Write a forest as the table that core and firmware ship (solenav_core/tables/forest.py)."""
-    from solenav import forests
-    from solenav.modes import training
-
-    words = training.load(forest)
     check_output(output, ".py")
-    write_text(output, forests.table(words, _about(forest)))
+    words = forests.export(forest, output)
     say(f"{output}: {words[0]} trees, {len(words)} words")
 
 
-def _about(forest: Path) -> str:
-    """A line on what a forest was trained on, from the file beside it."""
-    path = forest.with_suffix(".json")
-    try:
-        about = json.loads(path.read_text(encoding="utf-8"))
-        growth, real, made = about["growth"], about["trained_on"], about["simulated"]
-        grown = f"depth {growth['depth']}, leaf {growth['leaf']}, seed {growth['seed']}"
-    except FileNotFoundError:
-        return "What it was trained on isn't known."
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise SolenavError(
-            f"{path} doesn't say what the forest was trained on: {error}",
-            "delete it, or train anew",
-        ) from None
-    parts = [f"{len(real)} recordings"] * bool(real)
-    parts += [f"{made} people on each simulated course"] * bool(made)
-    return f"Trained on {' and '.join(parts)}; {grown}."
+@app.command()
+def send(
+    forest: Annotated[
+        Path | None,
+        typer.Argument(help=f"A forest ({SUFFIX}).", metavar="FOREST", show_default=False),
+    ] = None,
+    port: PortOption = None,
+    shipped: Annotated[
+        bool, typer.Option("--shipped", help="Back to the forest in the board's firmware.")
+    ] = False,
+    restart: Annotated[
+        bool, typer.Option("--restart", help="End the board's run, and begin a fresh one with it.")
+    ] = False,
+    baud: Baud = None,
+    as_json: Json = False,
+) -> None:
+    """Send a forest to a board, which checks it, keeps it in flash and says that it has it.
+
+    A board that samples takes none. Exit code 1: the board refuses, or something was lost.
+    """
+    if (forest is None) != shipped:
+        raise SolenavError("which forest?", "name a file, or say --shipped")
+    words = forest_from(forest)
+    sent = put(chosen_port(port), words, restart=restart, baud=baud, progress=progress)
+    if as_json:
+        say_json(sent.as_dict())
+        return
+    own = "the shipped one" if sent.shipped else "its firmware's own"
+    what = f"{words[0]} trees, {len(words)} words" if words else own
+    say(f"{sent.port}: {sent.board}")
+    say(f"forest before {sent.had:08x}, now {sent.has:08x} ({what}), as HELLO says")
+    say("a fresh run has begun with it" if restart else "it holds from the board's next run on")
 
 
-def _examples(files: list[Path], words: Any = None) -> list[Examples]:
-    from solenav.modes import training
-
-    unique = list({file.resolve(): file for file in files}.values())
-    found = []
-    with progress("reading", len(unique)) as done:
-        for i, file in enumerate(unique):
-            found.append(training.from_capture(capture.load(file), words))
-            done(i + 1)
-    return found
+def _captures(files: list[Path] | None) -> list[Capture]:
+    unique = {file.resolve(): file for file in files or []}.values()
+    return [load(file) for file in unique]
 
 
 def _report(

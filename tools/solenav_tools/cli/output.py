@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from solenav.errors import SolenavError
+from solenav.errors import SolenavError, unwritable
 
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 CaptureFile = Annotated[Path, typer.Argument(help="A capture (.solcap).", metavar="CAPTURE")]
@@ -92,4 +92,4 @@ def write_text(path: Path, text: str) -> None:
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise SolenavError(f"can't write {path}: {error.strerror}", "choose another file") from None
+        raise unwritable(path, error) from None

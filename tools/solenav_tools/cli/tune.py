@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,7 +17,7 @@ from solenav_tools.cli.output import Json, check_output, progress, say, say_json
 
 if TYPE_CHECKING:
     # It needs numba, which the other commands do without.
-    from solenav.filters.walk import Walk
+    from solenav.modes.thresholds import Report as ByMode
     from solenav.tuning import Dimension, Judged, Report
 
 _VERDICTS = {
@@ -66,7 +67,11 @@ def tune(
     unique = list({file.resolve(): file for file in files}.values())
     walks = [tuning.from_capture(capture.load(file), closed_loop=closed_loop) for file in unique]
     if modes:
-        _tune_modes(walks, output, jobs, as_json)
+        from solenav.modes import thresholds
+
+        with progress("trying thresholds", len(thresholds.FIELDS)) as done:
+            by_mode = thresholds.tune(walks, jobs=jobs, progress=done)
+        _give(by_mode, lambda: _tell_modes(by_mode), output, as_json)
         return
     extra = also or []
     planned = tuning.planned(budget, 4 + free_band + len(extra))
@@ -74,27 +79,24 @@ def tune(
         report = tuning.tune(
             walks, symmetric=not free_band, also=extra, budget=budget, jobs=jobs, progress=done
         )
+    _give(report, lambda: _tell(report), output, as_json)
+
+
+def _give(
+    report: Report | ByMode, told: Callable[[], None], output: Path | None, as_json: bool
+) -> None:
+    """The report as a file, and as JSON or `told`."""
     if output is not None:
         write_text(output, json.dumps(report.config(), indent=2) + "\n")
     if as_json:
         say_json(report.as_dict())
         return
-    _tell(report)
+    told()
     if output is not None:
         say(f"{output}: put it beside main.py as config.json, or its params into yours")
 
 
-def _tune_modes(walks: list[Walk], output: Path | None, jobs: int | None, as_json: bool) -> None:
-    """`--modes`: what the thresholds of the motions become."""
-    from solenav.modes import thresholds
-
-    with progress("trying thresholds", len(thresholds.FIELDS)) as done:
-        report = thresholds.tune(walks, jobs=jobs, progress=done)
-    if output is not None:
-        write_text(output, json.dumps(report.config(), indent=2) + "\n")
-    if as_json:
-        say_json(report.as_dict())
-        return
+def _tell_modes(report: ByMode) -> None:
     say("motion          before         now  between the minima of T  cycles  recordings")
     for one in report.thresholds:
         between = one.why if one.lowest is None else f"{one.lowest:.0f} to {one.second:.0f}"
@@ -111,8 +113,6 @@ def _tune_modes(walks: list[Walk], output: Path | None, jobs: int | None, as_jso
     )
     if report.gain_over_start <= 1.0:
         warn("keep the detector you have: on these walks the thresholds of motions do no better")
-    if output is not None:
-        say(f"{output}: put it beside main.py as config.json, or its params into yours")
 
 
 def _tell(report: Report) -> None:

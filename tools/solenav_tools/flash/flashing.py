@@ -8,10 +8,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from solenav.errors import SolenavError
+from solenav.progress import Progress, unseen
 from solenav_tools.flash import board_config, boards, hello, tree
 from solenav_tools.flash.repl import SerialRepl
 from solenav_tools.ports import PortVanished, open_port
-from solenav_tools.progress import Progress, unseen
 from solenav_tools.staging import board_tree, build_hash, switch
 
 

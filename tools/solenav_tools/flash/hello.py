@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import serial
 
 from solenav.errors import SolenavError
-from solenav.link import Damage, FrameReader, unpack
 from solenav_core import messages
-from solenav_tools.ports import read_some
-from solenav_tools.recorder import Asker
+from solenav_tools.conversation import Conversation
 
 _PATIENCE_S = 20.0
-_ASK_S = 1.0
+_QUIET_S = 1.0
 
 
 def awaited(port: serial.Serial, name: str, build: int, patience: float = 1.0) -> dict[str, Any]:
@@ -22,23 +19,12 @@ def awaited(port: serial.Serial, name: str, build: int, patience: float = 1.0) -
 
     `patience`: it is awaited so many times longer than a real board needs.
     """
-    asker, reader = Asker(port), FrameReader()
     wait_s = _PATIENCE_S * patience
-    end = time.monotonic() + wait_s
-    ask = time.monotonic() + _ASK_S
     other = None
-    while time.monotonic() < end:
-        if time.monotonic() > ask:
-            asker.ask(messages.ASK_HELLO)
-            ask += _ASK_S
-        for item in reader.feed(read_some(port)):
-            if isinstance(item, Damage) or item.kind != messages.HELLO:
-                continue
-            fields = unpack(item)
-            if fields["schema"] != messages.SCHEMA or fields["build"] != build:
-                other = fields  # the old firmware's last words, perhaps
-                continue
-            return _sound(fields)
+    for hello in Conversation(port).hellos(wait_s, quiet_s=_QUIET_S):
+        if hello["schema"] == messages.SCHEMA and hello["build"] == build:
+            return _sound(hello)
+        other = hello  # the old firmware's last words, perhaps
     if other is not None:
         raise SolenavError(
             f"the board runs build {other['build']:08x}, not {build:08x}", "flash again", 1
