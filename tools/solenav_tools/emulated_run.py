@@ -18,15 +18,16 @@ def run(
     output: Path | str,
     *,
     uf2: Path | str | None = None,
-    pose_every: int = 1,
+    pose_every: int | None = None,
     config: Mapping[str, Any] | None = None,
     faults: Sequence[Mapping[str, Any]] = (),
     progress: Callable[[int], None] = lambda ms: None,
 ) -> Outcome:
     """Record what the firmware sends over all of the capture's samples, as fast as it goes.
 
-    `uf2`: MicroPython's file, or its version to download; None: what SOLENAV_UF2 says. `config`:
-    more of the firmware's config.json. `faults` as for the simulated board. `progress` gets the
+    `uf2`: MicroPython's file, or its version to download; None: what SOLENAV_UF2 says.
+    `pose_every`: ticks from POSE to POSE, None: as a board. `config`: more of the firmware's
+    config.json. `faults` as for the simulated board. `progress` gets the
     board's time in ms. SolenavError without samples, MicroPython or the emulator, and where the
     firmware crashes; what it sent before is in the file.
     """
