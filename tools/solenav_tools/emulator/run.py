@@ -22,6 +22,7 @@ from solenav_tools.staging import board_tree, switch
 
 MARCH = "armv6m"
 _STANDING_S = 2.0
+_BOOT_S = 20.0  # in which a board samples, or never will; it takes 3 s
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,8 @@ def record(
 
     Arrival times are when the last bit of a frame left the board: two runs give the same file.
     `watch` is called with the board at each millisecond of emulated time.
-    SolenavError where the firmware crashes; what it sent before is in the file.
+    SolenavError where the firmware crashes, what it sent before is in the file, and where it
+    doesn't begin to sample.
     """
     files = file_system({**settings_for(source, pose_every), **(config or {})})
     said = bytearray()
@@ -122,6 +124,13 @@ def record(
         def ended() -> bool:
             progress(pico.ns // 1_000_000)
             watch(pico)
+            playback = pico.wiring.playback
+            if not (playback and playback.start >= 0) and pico.ns > _BOOT_S * 1e9:
+                raise SolenavError(
+                    f"the emulated board doesn't sample; it said: {said.decode(errors='replace')}",
+                    "look at its config.json, and whether the UF2 is a Pico's",
+                    1,
+                )
             return pico.over or b">>> " in said
 
         pico.on_uart = sent
