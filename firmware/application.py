@@ -94,8 +94,8 @@ class Application:
         self.download = Download(self.link, self.blackbox)
         self.trust = Trust(self.sensor)
         self.watchdog = Watchdog(settings["watchdog"])
-        identity = crc32(params) ^ self.build[0] ^ navigator.forest_hash(self.tables)
-        self.checkpoint = Checkpoint(identity, settings["checkpoint_s"] * self.second, self.second)
+        every = settings["checkpoint_s"] * self.second
+        self.checkpoint = Checkpoint(self.identity(), every, self.second)
         self.unsaved = False  # the last checkpoint could not be written
         self.worst = 0
         self.complaint = ""
@@ -443,8 +443,16 @@ class Application:
 
     def plant(self, forest):
         """Another forest (None: the shipped one) from the next run on."""
-        self.tables = self.injection.tables = forest_file.tables(forest)
+        try:
+            self.tables = self.injection.tables = forest_file.tables(forest)
+        except MemoryError:
+            self.log(_ERROR, "no room for the forest beside the one in use: restart the board")
+        self.checkpoint.identity = self.identity()
         self.announce()
+
+    def identity(self):
+        """Of all that must be the same for a run to be gone on with."""
+        return crc32(self.clock.base) ^ self.build[0] ^ navigator.forest_hash(self.tables)
 
     def test_bus(self):
         """How well the sensor's bus carries a clock; only while nobody needs its samples."""

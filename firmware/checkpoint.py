@@ -37,7 +37,7 @@ class Checkpoint:
     """
 
     def __init__(self, identity, every, second):
-        self._identity = identity
+        self.identity = identity
         self._every = every
         self._patience = _PATIENCE_S * second
         self._outlives = every + (_PATIENCE_S + _SLACK_S) * second
@@ -114,7 +114,7 @@ class Checkpoint:
         record = self._record
         # fmt: off
         pack_into(
-            _HEAD, record, 0, _MAGIC, self._serial, self._identity, self._kind, self._tries,
+            _HEAD, record, 0, _MAGIC, self._serial, self.identity, self._kind, self._tries,
             self._ticks, self.period, self._steps,
         )
         # fmt: on
@@ -140,7 +140,7 @@ class Checkpoint:
         self._slot = slot
         self._serial = serial
         self._kind = kind
-        self._mine = identity == self._identity
+        self._mine = identity == self.identity
         self._tries = tries
         self._ticks = ticks
         self.period = period

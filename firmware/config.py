@@ -50,7 +50,14 @@ def load():
         else:
             settings[key] = value
     params = _parameters(settings["params"], problems)
-    return settings, params, forest_file.tables(forest_file.load(problems)), problems
+    forest = forest_file.load(problems)
+    try:
+        tables = forest_file.tables(forest)
+    except MemoryError:
+        problems.append("%s: no room for that forest: the shipped one is used" % forest_file.FILE)
+        forest = None
+        tables = forest_file.tables(None)
+    return settings, params, tables, problems
 
 
 def build():

@@ -29,6 +29,9 @@ def load(problems):
             file.readinto(words)
     except OSError:
         return None
+    except MemoryError:
+        problems.append("%s: no room for %d words: the shipped forest is used" % (FILE, size // 4))
+        return None
     wrong = objection(words)
     if wrong:
         problems.append("%s: %s: the shipped forest is used" % (FILE, wrong))
@@ -37,7 +40,7 @@ def load(problems):
 
 
 def tables(forest):
-    """The core's tables with a forest; None: the shipped one.
+    """The core's tables with a forest; None: the shipped one. MemoryError.
 
     What the tables are made of doesn't stay in the heap: a Pico hasn't got room for it twice.
     """
@@ -83,7 +86,11 @@ class Upload:
             _remove(FILE)
             return self._end(DONE)
         if at == 0 and total <= WORDS_MAX:
-            self._words = array("i", bytes(4 * total))
+            try:
+                self._words = array("i", bytes(4 * total))
+            except MemoryError:
+                self._log(_ERROR, "no room for a forest of %d words" % total)
+                return self._end(REFUSED)
             self._have = 0
             self._ended = None
             # Each piece is answered before the next: a budget would only slow it down.

@@ -35,7 +35,7 @@ class Clock:
 
     def __init__(self, base):
         self.params = base[:]
-        self._base = base
+        self.base = base
         self._next = _FIRST_LOOK
 
     def restart(self):
@@ -55,9 +55,9 @@ class Clock:
 
     def set(self, period_q8):
         """Samples come every `period_q8` / 256 µs (0: unknown): whether that changes anything."""
-        if not _apart(period_q8, self.params, _OFF) or _apart(period_q8, self._base, _WRONG):
+        if not _apart(period_q8, self.params, _OFF) or _apart(period_q8, self.base, _WRONG):
             return False
-        retimed(self.params, self._base, period_q8)
+        retimed(self.params, self.base, period_q8)
         return True
 
 

@@ -55,9 +55,9 @@ class Client:
                 break
         raise AssertionError(f"it never came; last: {self.messages[-3:]}")
 
-    def ask(self, kind: int, seq: int) -> int:
+    def ask(self, kind: int, seq: int, payload: bytes = b"") -> int:
         """Send a command; its result."""
-        self.port.write(wire.command(kind, seq))
+        self.port.write(wire.command(kind, seq, payload))
         return self.until(
             lambda m: (
                 m.name == "ACK" and (m.fields["command"], m.fields["command_seq"]) == (kind, seq)

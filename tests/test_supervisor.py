@@ -6,6 +6,7 @@ The firmware on the simulated board, a walk on its sensor, faults by script, a c
 from __future__ import annotations
 
 import os
+import struct
 from array import array
 from collections.abc import Sequence
 from pathlib import Path
@@ -327,6 +328,20 @@ def test_which_runs_are_gone_on_with_is_a_setting(kind: str, resume: str, goes_o
     assert bool(flags(client)[-1] & messages.RESUMED) is goes_on
     told = ("info", f"not going on with the run before: config.json has resume: {resume}")
     assert (told in client.texts()) is not goes_on
+
+
+def test_a_run_with_another_forest_is_gone_on_with() -> None:
+    forest = [1, 2, 1 << 20, -(2**30), -(2**30)]
+    config = {"params": parameters.named(PARAMS), "autostart": False}
+    faults = [{"kind": "watchdog", "at": HANG}]
+    with on(feed(PAUSE), config, faults=faults) as (_board, client):
+        piece = struct.pack("<HH12i", 0, len(forest), *forest, *[0] * (12 - len(forest)))
+        assert client.ask(messages.ASK_FOREST, 1, piece) == messages.DONE
+        assert client.ask(messages.ASK_START, 2) == messages.DONE
+        client.to_the_end()
+    assert any("going on after a restart" in text for _, text in client.texts())
+    before, after = (m.fields["forest"] for m in client.named("HELLO")[-2:])
+    assert before == after
 
 
 def test_a_run_that_was_stopped_is_over() -> None:

@@ -51,6 +51,6 @@ def decode_frame(stuffed: bytes) -> Message:
     return Message(name, seq, tick, fields)
 
 
-def command(kind: int, seq: int) -> bytes:
-    body = struct.pack("<BBI", kind, seq, 0)
+def command(kind: int, seq: int, payload: bytes = b"") -> bytes:
+    body = struct.pack("<BBI", kind, seq, 0) + payload
     return cobs.encode(body + struct.pack("<H", crc(kind, body))) + b"\0"
