@@ -26,6 +26,7 @@ from solenav_core.params import NAMES
 
 _INFO, _WARNING, _ERROR = 0, 1, 2
 _DOZES = 3
+_RESTS = 30  # 10 ms, while nothing but a command is awaited
 _POSES = 1  # in outbox.dropped
 _BEHIND = 28  # samples that wait: the FIFO holds 46, and no pose is worth one
 _CHECKS = 20  # of the sensor's settings, in a second: 1 ms each, of the bus and of the processor
@@ -210,12 +211,17 @@ class Application:
         return self.download.step(tick) or self.blackbox.step(tick)
 
     def doze(self):
-        """Let the processor sleep: until an interrupt, or for a millisecond or two."""
-        sampling = self.sampling()
-        sampler = self.sampler
+        """Let the processor sleep: until an interrupt, or for a millisecond; longer at rest."""
         # An RP2040's first idle() sets an alarm, which is an event by itself; the third one sleeps.
-        for _ in range(_DOZES):
-            if sampling and sampler.pulsed():
+        if self.mode in _SAMPLING:
+            sampler = self.sampler
+            for _ in range(_DOZES):
+                if sampler.pulsed():
+                    return
+                _idle()
+            return
+        for _ in range(_RESTS):
+            if self.link.waiting():
                 return
             _idle()
 
@@ -444,9 +450,10 @@ class Application:
     def plant(self, forest):
         """Another forest (None: the shipped one) from the next run on."""
         try:
-            self.tables = self.injection.tables = forest_file.tables(forest)
+            self.tables = forest_file.planted(self.tables, forest)
+            self.injection.tables = self.tables
         except MemoryError:
-            self.log(_ERROR, "no room for the forest beside the one in use: restart the board")
+            self.log(_ERROR, "no room for the forest beside another: it holds after a restart")
         self.checkpoint.identity = self.identity()
         self.announce()
 

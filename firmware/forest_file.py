@@ -1,5 +1,6 @@
 """Another forest than the one in the core: from the host, into `forest.bin`, from there at boot."""
 
+import gc
 import os
 import sys
 from array import array
@@ -49,6 +50,20 @@ def tables(forest):
         del sys.modules["solenav_core.tables." + module]
     del solenav_core.tables.forest, solenav_core.tables.lookup
     return made
+
+
+def planted(tables, forest):
+    """`tables` with another forest (None: the shipped one). MemoryError.
+
+    Beside the ones in use a Pico has room for the new ones, but not for making them as at boot.
+    """
+    if forest is None:
+        from solenav_core.tables.forest import FOREST
+
+        forest = array("i", FOREST)
+        del sys.modules["solenav_core.tables.forest"], solenav_core.tables.forest, FOREST
+    gc.collect()
+    return navigator.with_forest(tables, forest)
 
 
 def _remove(path):

@@ -86,6 +86,10 @@ class Link:
         while not self.outbox.drain(self._uart):
             sleep_ms(1)
 
+    def waiting(self):
+        """Whether bytes have come that nobody has looked at."""
+        return self._uart.any()
+
     def receive(self, tick):
         """The type of a command that has come in whole, or 0. Looks at 64 bytes at most.
 

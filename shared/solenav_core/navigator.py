@@ -107,6 +107,17 @@ def new_tables(forest=None):
 _FOREST_AT = offsets(TABLE_FIELDS)["FOREST"]
 
 
+def with_forest(tables, forest):
+    """`tables` with other words for the forest: these tables where they fit, else new ones."""
+    if len(tables) == _FOREST_AT + len(forest):
+        for i, word in enumerate(forest):
+            tables[_FOREST_AT + i] = word
+        return tables
+    made = tables[:_FOREST_AT]
+    made.extend(forest)
+    return made
+
+
 def forest_hash(tables):
     """CRC-32 of the forest in the tables: HELLO's `forest`."""
     return crc32(memoryview(tables)[_FOREST_AT:])

@@ -118,7 +118,7 @@ def _send(talk: Conversation, words: array[int], progress: Callable[[int], None]
     if words and has != crc32(words):
         raise SolenavError(
             f"the board has the forest {has:08x}, and {crc32(words):08x} was sent",
-            "send it again",
+            "restart the board: its memory may hold no second forest beside the one in use",
             1,
         )
     return has
