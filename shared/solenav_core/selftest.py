@@ -354,7 +354,7 @@ def _grow(b):
     for _ in range(_ROUNDS):
         _covariances(b, ("P_VV", "P_PV", "P_PP", "P_TT"), 30, 0)
         _covariances(b, ("P_VT", "P_PT"), 27, 1)
-        b.result(covariance.grow(b.s, b.p))
+        b.result(covariance.grow(b.s, b.p, b.w))
         b.arrays()
 
 
@@ -592,7 +592,7 @@ def _particles(b):
             b.s[_AT["P_TT"] + 1] = (5, 0x2000000)[i - 12]
         if i == 13:
             b.s[_AT["LOCKOUTS"]] = b.s[_AT["RESAMPLED"]] = _TOP
-        b.result(covariance.grow(b.s, b.p))
+        b.result(covariance.grow(b.s, b.p, b.w))
         b.result(particles.update(b.s, b.p, b.w, b.t, int(i == 0)))
         b.arrays()
 

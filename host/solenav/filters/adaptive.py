@@ -50,7 +50,6 @@ class Noise(NamedTuple):
     u_sure: float
     q_h: float
     q_u: float
-    strike_min: float
     strike: float
     q_tt: float
     freeze: int
@@ -87,7 +86,6 @@ def _noise(walk: Walk) -> Noise:
         u_sure=p["UNREST_SURE"] / 2**8,
         q_h=p["Q_VV_H"] / 2**26,
         q_u=p["Q_VV_U"] / 2**26,
-        strike_min=p["STRIKE_MIN"] / 2**7,
         strike=p["STRIKE"] / 2**40,
         q_tt=p["Q_TT"] / 2**30,
         freeze=p["FREEZE_TICKS"],
@@ -190,14 +188,14 @@ def _draw(variance: FloatArray, table: FloatArray, first: int, stride: int) -> F
 @njit(cache=True)
 def _grow(
     noise: Noise,
-    size: float,
+    change: FloatArray,
     p_vv: FloatArray,
     p_pv: FloatArray,
     p_vt: FloatArray,
     p_pt: FloatArray,
     p_tt: FloatArray,
 ) -> FloatArray:
-    """Step 2, in place, with |a| of the sample in m/s²; the growth of P_vv."""
+    """Step 2, in place, `change` (3,) of the force in m/s² since the last sample; P_vv's growth."""
     dt = noise.dt
     growth = np.zeros(3)
     for j in range(3):
@@ -205,7 +203,7 @@ def _grow(
         growth[j] = 2.0 * gamma * p_vt[j] + gamma * gamma * p_tt[j]
         growth[j] += noise.q_h if j < 2 else noise.q_u
         if j == 2:
-            growth[j] += noise.strike * max(0.0, size - noise.strike_min) ** 2
+            growth[j] += noise.strike * (change * change).sum()
         p_pt[j] += dt * p_vt[j]
         p_pv[j] += dt * p_vv[j] + gamma * p_pt[j]
         p_vv[j] += growth[j]
@@ -316,7 +314,7 @@ def _navigate(
         size = math.sqrt((accel[n] * accel[n]).sum())
         motion.integrate(accel[n], rate, gravity, noise.dt, q, v, p)
         if swing <= noise.freeze:
-            growth = _grow(noise, size, p_vv, p_pv, p_vt, p_pt, p_tt)
+            growth = _grow(noise, accel[n] - accel[n - 1], p_vv, p_pv, p_vt, p_pt, p_tt)
         random = _stir(random)
         since += 1
         still_ticks = stillness.count(rate, still, still_ticks)

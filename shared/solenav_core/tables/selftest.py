@@ -24,19 +24,19 @@ EXPECTED = (
     4178069827,  # observe motion
     2231339393,  # summarise
     3010003356,  # classify
-    188239733,  # grow
-    1610291724,  # shrink
-    2599928150,  # head
-    873108842,  # level
-    3221198179,  # align
-    3490478476,  # settle
-    2925899054,  # roots
-    3915977424,  # ratio
-    3653311522,  # feed_back
-    3686482555,  # observe
-    1884568402,  # adapt
-    1655234283,  # weigh
-    10785165,  # update
-    1599204349,  # stood
-    68786247,  # tick
+    3710810892,  # grow
+    3186488804,  # shrink
+    4038083073,  # head
+    342667929,  # level
+    3419774014,  # align
+    1796889372,  # settle
+    3983984602,  # roots
+    589120301,  # ratio
+    374533230,  # feed_back
+    3023811724,  # observe
+    3698677099,  # adapt
+    2228765630,  # weigh
+    809098236,  # update
+    2932946187,  # stood
+    2528015552,  # tick
 )
