@@ -65,7 +65,7 @@ class Settings:
     still_s: float = 0.5
     still_time_constant_s: float = 2.0
     velocity_noise_horizontal: float = 0.015  # (m/s)²/s
-    velocity_noise_up: float = 0.0002
+    velocity_noise_up: float = 0.00015
     strike_noise: float = 0.08  # of the force's change since the last sample, 1 sigma over 5 ms
     tilt_noise: float = 2e-5  # rad²/s
     freeze_s: float = 10.0

@@ -19,7 +19,10 @@ _S_P_VT = const(420)
 _S_P_PT = const(422)
 _S_P_TT = const(424)
 _S_DP_VV = const(426)
+_S_SWING_TICKS = const(429)
+_S_STANCE_TICKS = const(855)
 _P_DT = const(41)
+_P_ALIGN_TICKS = const(44)
 _P_GAMMA = const(75)
 _P_GAMMA2 = const(76)
 _P_Q_VV_H = const(77)
@@ -78,12 +81,16 @@ def grow(s: ptr32, p: ptr32, w: ptr32) -> int:
             d_vv = d_vv + int(mulshift(p[_P_GAMMA2], p_tt, 34)) + p[_P_Q_VV_H]
             s[_S_P_TT + i] = int(clamp(p_tt + p[_P_Q_TT], _LIMIT))
         else:
-            # Between two samples the force is anything between them, and in a strike beyond.
+            d_vv = p[_P_Q_VV_U]
+            if s[_S_SWING_TICKS] == 0 and s[_S_STANCE_TICKS] > p[_P_ALIGN_TICKS] << 1:
+                # In a long stance the accelerometer's bias is what drives the velocity.
+                d_vv = p[_P_Q_VV_H]
+            # What the samples miss where the force changes fast.
             low = (w[_W_FORCE] - s[_S_LAST]) >> 16
             high = (w[_W_FORCE + 1] - s[_S_LAST + 1]) >> 16
             mid = (w[_W_FORCE + 2] - s[_S_LAST + 2]) >> 16
             mid = low * low + high * high + mid * mid
-            d_vv = int(clamp(p[_P_Q_VV_U] + int(mulsat(mid, p[_P_STRIKE], 22)), _LIMIT))
+            d_vv = int(clamp(d_vv + int(mulsat(mid, p[_P_STRIKE], 22)), _LIMIT))
         s[_S_P_PP + i] = int(clamp(s[_S_P_PP + i] + d_pp, _LIMIT))
         s[_S_P_PV + i] = int(clamp(p_pv + d_pv, _LIMIT))
         p_new = int(clamp(p_vv + d_vv, _LIMIT))
