@@ -89,7 +89,7 @@ PARAM_FIELDS = (
     ("GAMMA2", "Q30 (m/s)²", "(g dt)²"),
     ("Q_VV_H", "Q26 (m/s)²", "velocity noise added to E and N on each tick"),
     ("Q_VV_U", "Q26 (m/s)²", "velocity noise added to U on each tick"),
-    ("STRIKE", "Q22", "noise added to U, Q26 (m/s)² per Q8 (m/s²)² of the force's change in a tick"),
+    ("STRIKE", "Q22", "noise added to U, Q26 (m/s)² per Q8 (m/s²)² of a tick's change of force"),
     ("Q_TT", "Q30 rad²", "tilt noise added on each tick"),
     ("FREEZE_TICKS", "ticks", "the covariance stops growing after so long a swing"),
     ("P_VV_0", "Q26 (m/s)²", "variance of the velocity after the static start"),
