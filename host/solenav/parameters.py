@@ -65,9 +65,8 @@ class Settings:
     still_s: float = 0.5
     still_time_constant_s: float = 2.0
     velocity_noise_horizontal: float = 0.015  # (m/s)²/s
-    velocity_noise_up: float = 0.02
-    strike_accel: float = 100.0  # m/s², |a| of a strike of whose impulse the samples miss a part
-    strike_noise: float = 2.4  # that part of what is above, 1 sigma, in a sample of 5 ms
+    velocity_noise_up: float = 0.00015
+    strike_noise: float = 0.08  # of the force's change since the last sample, 1 sigma over 5 ms
     tilt_noise: float = 2e-5  # rad²/s
     freeze_s: float = 10.0
     initial_velocity_variance: float = 1e-4
@@ -120,7 +119,6 @@ def _limits() -> dict[str, tuple[int, int]]:
         "WINDOW": (1, 31),
         "Q_VV_H": (0, 2**28),
         "Q_VV_U": (0, 2**28),
-        "STRIKE_MIN": (0, 40_000),
         "DETECTOR": (0, 2),
         "GLRT_WINDOW": (1, layout.WINDOW_MAX),
         "GLRT_ACC": (0, 2**25 - 1),
@@ -243,7 +241,6 @@ def to_integers(settings: Settings, rate_hz: float) -> array[int]:
         "GAMMA2": q((mpu9150.STANDARD_GRAVITY * dt) ** 2, 30),
         "Q_VV_H": q(s.velocity_noise_horizontal * dt, 26),
         "Q_VV_U": q(s.velocity_noise_up * dt, 26),
-        "STRIKE_MIN": q(s.strike_accel, 7),
         "STRIKE": q(s.strike_noise**2 * dt / REFERENCE_RATE_HZ, 40),
         "Q_TT": q(s.tilt_noise * dt, 30),
         "FREEZE_TICKS": ticks(s.freeze_s),

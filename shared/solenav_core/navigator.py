@@ -65,12 +65,12 @@ _P_DETECTOR = const(54)
 _P_MOTION_STRIDE = const(64)
 _P_STILL_TICKS = const(73)
 _P_STILL_GAIN = const(74)
-_P_FREEZE_TICKS = const(82)
-_P_STEP_SWING = const(108)
+_P_FREEZE_TICKS = const(81)
+_P_STEP_SWING = const(107)
 _P_UNREST_MAX = const(70)
 _P_UNREST_SURE = const(71)
-_P_BRIDGE_TICKS = const(97)
-_P_MAG_GAIN = const(101)
+_P_BRIDGE_TICKS = const(96)
+_P_MAG_GAIN = const(100)
 _W_FORCE = const(3)
 _W_RATE = const(6)
 _I_FLAGS = const(9)
@@ -211,7 +211,7 @@ def bridge(s: ptr32, p: ptr32, w: ptr32, m: ptr32, lost: int) -> int:
     while lost > 0:
         int(propagate(s, p, w))
         if s[_S_SWING_TICKS] <= p[_P_FREEZE_TICKS]:
-            int(grow(s, p))
+            int(grow(s, p, w))
         lost = lost - 1
     int(condition(s, p, w, m))
     return broken
@@ -243,13 +243,13 @@ def tick(s: ptr32, p: ptr32, w: ptr32, t: ptr32, m: ptr32) -> int:
     lost = (m[_I_FLAGS] >> 8) & 127
     if lost > 0:
         events = events | int(bridge(s, p, w, m, lost))
+    int(propagate(s, p, w))
+    if s[_S_SWING_TICKS] <= p[_P_FREEZE_TICKS]:
+        int(grow(s, p, w))
     i = 0
     while i < 6:
         s[_S_LAST + i] = w[_W_FORCE + i]
         i = i + 1
-    int(propagate(s, p, w))
-    if s[_S_SWING_TICKS] <= p[_P_FREEZE_TICKS]:
-        int(grow(s, p))
     if s[_S_SINCE_CONSISTENT] < _TOP:
         s[_S_SINCE_CONSISTENT] = s[_S_SINCE_CONSISTENT] + 1
     if p[_P_MOTION_STRIDE] or s[_S_STRIDE]:

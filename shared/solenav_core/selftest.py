@@ -350,11 +350,18 @@ def _classify(b):
 
 
 def _grow(b):
-    for _ in range(_ROUNDS):
+    """In swing, in a stance, and in one that is long; slow and fast changes of the force."""
+    for i in range(_ROUNDS):
         _covariances(b, ("P_VV", "P_PV", "P_PP", "P_TT"), 30, 0)
         _covariances(b, ("P_VT", "P_PT"), 27, 1)
-        b.result(covariance.grow(b.s, b.p))
+        b.s[_AT["SWING_TICKS"]] = i & 1
+        b.s[_AT["STANCE_TICKS"]] = 150 * i
+        for a in range(3):
+            b.s[_AT["LAST"] + a] = (5 * a - 3 * i) << 23
+            b.w[_WORK["FORCE"] + a] = (7 - 4 * a) << (15 + 2 * i)
+        b.result(covariance.grow(b.s, b.p, b.w))
         b.arrays()
+    b.s[_AT["SWING_TICKS"]] = b.s[_AT["STANCE_TICKS"]] = 0
 
 
 def _shrink(b):
@@ -591,7 +598,7 @@ def _particles(b):
             b.s[_AT["P_TT"] + 1] = (5, 0x2000000)[i - 12]
         if i == 13:
             b.s[_AT["LOCKOUTS"]] = b.s[_AT["RESAMPLED"]] = _TOP
-        b.result(covariance.grow(b.s, b.p))
+        b.result(covariance.grow(b.s, b.p, b.w))
         b.result(particles.update(b.s, b.p, b.w, b.t, int(i == 0)))
         b.arrays()
 

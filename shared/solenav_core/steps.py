@@ -29,8 +29,8 @@ _S_STEP_MOVE = const(859)
 _S_STEP_TURN = const(862)
 _S_STEP_TICKS = const(863)
 _S_STEP_VAR = const(864)
-_P_STEP_SWING = const(108)
-_P_STEP_STANCE = const(109)
+_P_STEP_SWING = const(107)
+_P_STEP_STANCE = const(108)
 _W_NAV = const(0)
 
 

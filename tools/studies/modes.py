@@ -8,17 +8,18 @@ from __future__ import annotations
 import math
 import os
 from array import array
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pages
-from labelled import labelled, stairs
+import stairs
+from labelled import labelled
 from numpy.typing import NDArray
 from recordings import FLOOR_SHARE, walks
 
-from solenav import datasets, mpu9150, spreading, tuning
+from solenav import mpu9150, spreading, tuning
 from solenav.comparison.metrics import LOST_SHARE, score
 from solenav.engines.device_form import kernel_modules
 from solenav.engines.thumb import ThumbEngine
@@ -28,7 +29,7 @@ from solenav.modes import figures, thresholds, training
 from solenav.modes.labels import MODES
 from solenav.modes.training import Examples, Growth, Judgement
 from solenav.parameters import Settings, to_integers
-from solenav.recording import FloatArray, Recording
+from solenav.recording import FloatArray
 from solenav.sim.scenario import simulate
 from solenav_core import navigator
 from solenav_core import params as core
@@ -59,7 +60,7 @@ def study(data: Path) -> None:
         motions(data),
         _of_thresholds(found),
         *_experiment(own, made, found),
-        _stairs(data),
+        stairs.chapter(data),
     ]
     (pages.DOCS / "modes.md").write_text("\n".join(parts), encoding="utf-8")
 
@@ -531,154 +532,6 @@ def _goals(shares: Shares, groups: Mapping[str, Sequence[str]], runner: str) -> 
 
 def _said(reached: bool) -> str:
     return "reached" if reached else "not reached"
-
-
-# --- stairs ----------------------------------------------------------------------------------
-
-
-def _stairs(data: Path) -> str:
-    """The chapter on heights."""
-    found = dict(stairs(data))
-    lines = [
-        "## Stairs",
-        _text(
-            "gaitmap's recordings of one flight of 29 risers, up and",
-            "down again, left and right foot.",
-            "The risers are equal, so each stride over two should climb the same. Heights in m by",
-            "the core; *stride* is mean and deviation over the strides of two risers; *hard* and",
-            "*soft* are the velocity up, in m/s, that the INS has when the foot comes to stand,",
-            "after strikes above and below 120 m/s²: what the filter takes for drift.",
-        ),
-        "| foot | strike noise | up | stride | hard | soft | down | stride | hard | soft | net |",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
-    at_rest = [_at_rest(found, foot) for foot in ("left", "right")]
-    nets = {}
-    for foot in ("left", "right"):
-        for text, settings in (("off", Settings(strike_noise=0.0)), ("on", Settings())):
-            cells, net = [], 0.0
-            for way in ("up", "down"):
-                walk = of_recording(found[f"gaitmap imu_sample_healthy_stair_{way}_{foot}"])
-                climb = _climb(walk, settings)
-                net += climb.height
-                two = climb.rises[np.abs(climb.rises) > 0.2]
-                cells += [
-                    f"{climb.height:+.2f}",
-                    f"{two.mean():+.3f} ± {two.std():.3f}",
-                    f"{climb.landing[climb.peak > _HARD].mean():+.2f}",
-                    f"{climb.landing[climb.peak <= _HARD].mean():+.2f}",
-                ]
-            nets[foot, text] = net
-            lines.append(f"| {foot} | {text} | " + " | ".join(cells) + f" | {net:+.2f} |")
-    lines += [
-        "",
-        _text(
-            "The right foot stamps: its strikes last a sample or two at 204.8 Hz and reach the",
-            "sensor's 16 g. Upwards the velocity is wrong after hard strikes only. The filter took",
-            "that for a drift of the whole swing and raised the foot by 0.07 m a stride; it is an",
-            "impulse that was missed at the swing's very end. Strike noise",
-            "([algorithm.md](algorithm.md), step 2) says so, and changes nothing elsewhere.",
-        ),
-        _text(
-            "What is left is no matter of thresholds. The sensors aren't",
-            "calibrated: at rest they show",
-            f"{at_rest[0]:.2f} (left) and {at_rest[1]:.2f} m/s² (right).",
-            "And the horizontal velocity that the INS has when the foot",
-            "comes to stand, in which no",
-            "height has a say, falls on three of the four recordings",
-            "with the gyro's pitch axis 2 to",
-            "6 % larger, and on the fourth stays up to 2 %; on gaitmap's",
-            "recording of a floor it grows.",
-            "With such a factor the net heights fall below 0.3 m. That",
-            "speaks for a scale factor of",
-            "the gyro in these recordings (its calibration isn't",
-            "published, so nothing is corrected). RMS of that velocity, m/s, and net height, m:",
-        ),
-        "| pitch axis | left up | left down | right up | right down | floor left | floor right "
-        "| net left | net right |",
-        "|---|---|---|---|---|---|---|---|---|",
-        *_scaled(data, found),
-        "",
-        *(
-            f"- {_said(abs(nets[foot, 'on']) <= 0.3)}: net height within 0.3 m, {foot} foot: "
-            f"{nets[foot, 'on']:+.2f} m"
-            for foot in ("left", "right")
-        ),
-        "",
-    ]
-    return "\n".join(lines)
-
-
-_HARD = 120.0
-_FACTORS = (0.98, 1.0, 1.02, 1.04, 1.06)
-
-
-@dataclass(frozen=True)
-class Climb:
-    """What the core made of a flight: its `height` m; for each step `rises` m, the `peak` of |a|
-    in the last half second, m/s², and the velocity before the stance, m/s, up (`landing`) and
-    horizontal (`slip`)."""
-
-    height: float
-    rises: FloatArray
-    peak: FloatArray
-    landing: FloatArray
-    slip: FloatArray
-
-
-def _climb(walk: Walk, settings: Settings) -> Climb:
-    run = tuning.run(walk, settings)
-    steps = np.flatnonzero(np.diff(run.steps)) + 1
-    size = np.linalg.norm(walk.accel, axis=1)
-    half = round(0.5 * walk.rate_hz)
-    touch = [step - int(np.argmin(run.stance[step::-1])) for step in steps.tolist()]
-    velocity = run.velocity[touch]
-    return Climb(
-        float(run.position[-1, 2]),
-        np.diff(run.position[steps, 2], prepend=0.0),
-        np.array([size[max(0, step - half) : step].max() for step in steps.tolist()]),
-        velocity[:, 2],
-        np.linalg.norm(velocity[:, :2], axis=1),
-    )
-
-
-def _at_rest(found: Mapping[str, Recording], foot: str) -> float:
-    return of_recording(found[f"gaitmap imu_sample_healthy_stair_up_{foot}"]).start.gravity
-
-
-def _scaled(data: Path, found: Mapping[str, Recording]) -> Iterator[str]:
-    """Rows of what a factor of the gyro's pitch axis does.
-
-    That axis is the sensor's y on the stairs and z on the floor, where most of the rate is.
-    """
-    floor = {
-        foot: datasets.read(data / "foot" / "gaitmap" / "imu_sample.csv", "gaitmap", foot=foot)
-        for foot in ("left", "right")
-    }
-    for factor in _FACTORS:
-        slips, heights = [], []
-        for foot in ("left", "right"):
-            climbs = [
-                _climb(
-                    _pitched(found[f"gaitmap imu_sample_healthy_stair_{way}_{foot}"], factor),
-                    Settings(),
-                )
-                for way in ("up", "down")
-            ]
-            slips += [math.sqrt(float(np.mean(one.slip**2))) for one in climbs]
-            heights.append(sum(one.height for one in climbs))
-        for foot in ("left", "right"):
-            one = _climb(_pitched(floor[foot], factor), Settings())
-            slips.append(math.sqrt(float(np.mean(one.slip**2))))
-        cells = [f"{factor:.2f}", *(f"{v:.3f}" for v in slips), *(f"{h:+.2f}" for h in heights)]
-        yield "| " + " | ".join(cells) + " |"
-
-
-def _pitched(recording: Recording, factor: float) -> Walk:
-    """The walk with the axis that turns most times a factor."""
-    gyro = recording.gyro.copy()
-    gyro[:, int((gyro**2).mean(axis=0).argmax())] *= factor
-    return of_recording(replace(recording, gyro=gyro))
 
 
 if __name__ == "__main__":

@@ -50,8 +50,10 @@ class Noise(NamedTuple):
     u_sure: float
     q_h: float
     q_u: float
-    strike_min: float
     strike: float
+    q_stood: float
+    long_ticks: int
+    step_swing: int
     q_tt: float
     freeze: int
     p_vv_0: float
@@ -87,8 +89,10 @@ def _noise(walk: Walk) -> Noise:
         u_sure=p["UNREST_SURE"] / 2**8,
         q_h=p["Q_VV_H"] / 2**26,
         q_u=p["Q_VV_U"] / 2**26,
-        strike_min=p["STRIKE_MIN"] / 2**7,
         strike=p["STRIKE"] / 2**40,
+        q_stood=p["Q_VV_H"] / 2**26,
+        long_ticks=2 * p["ALIGN_TICKS"],
+        step_swing=p["STEP_SWING"],
         q_tt=p["Q_TT"] / 2**30,
         freeze=p["FREEZE_TICKS"],
         p_vv_0=p["P_VV_0"] / 2**26,
@@ -190,22 +194,20 @@ def _draw(variance: FloatArray, table: FloatArray, first: int, stride: int) -> F
 @njit(cache=True)
 def _grow(
     noise: Noise,
-    size: float,
+    q_u: float,
     p_vv: FloatArray,
     p_pv: FloatArray,
     p_vt: FloatArray,
     p_pt: FloatArray,
     p_tt: FloatArray,
 ) -> FloatArray:
-    """Step 2, in place, with |a| of the sample in m/s²; the growth of P_vv."""
+    """Step 2, in place, with `q_u` (m/s)² added to P_vv of U; the growth of P_vv."""
     dt = noise.dt
     growth = np.zeros(3)
     for j in range(3):
         gamma = noise.gamma if j < 2 else 0.0
         growth[j] = 2.0 * gamma * p_vt[j] + gamma * gamma * p_tt[j]
-        growth[j] += noise.q_h if j < 2 else noise.q_u
-        if j == 2:
-            growth[j] += noise.strike * max(0.0, size - noise.strike_min) ** 2
+        growth[j] += noise.q_h if j < 2 else q_u
         p_pt[j] += dt * p_vt[j]
         p_pv[j] += dt * p_vv[j] + gamma * p_pt[j]
         p_vv[j] += growth[j]
@@ -309,14 +311,16 @@ def _navigate(
     last, anchor = np.zeros(3), np.zeros(3)
     standing = observed = False
     stillest = 1.0
-    swing = still_ticks = inconsistent = since = 0
+    swing = stood = still_ticks = inconsistent = since = 0
 
     for n in range(first, len(accel)):
         rate = gyro[n] - bias
         size = math.sqrt((accel[n] * accel[n]).sum())
         motion.integrate(accel[n], rate, gravity, noise.dt, q, v, p)
         if swing <= noise.freeze:
-            growth = _grow(noise, size, p_vv, p_pv, p_vt, p_pt, p_tt)
+            q_u = noise.q_stood if swing == 0 and stood > noise.long_ticks else noise.q_u
+            q_u += noise.strike * ((accel[n] - accel[n - 1]) ** 2).sum()
+            growth = _grow(noise, q_u, p_vv, p_pv, p_vt, p_pt, p_tt)
         random = _stir(random)
         since += 1
         still_ticks = stillness.count(rate, still, still_ticks)
@@ -326,12 +330,15 @@ def _navigate(
         unrest = t / stillest
         if not stance[n]:
             swing += 1
+            if swing == noise.step_swing:
+                stood = 0
             standing = observed = False
             position[n], velocity[n] = p, v
             continue
         if not standing:
             anchor = last.copy()
         swing = 0
+        stood += 1
         standing = True
         stillness.learn(rate, still, still_ticks, bias)
         if unrest > noise.u_max:

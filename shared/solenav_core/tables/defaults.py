@@ -86,9 +86,8 @@ PARAMS = array(
         52649051,  # GAMMA
         2581554,  # GAMMA2
         5033,  # Q_VV_H
-        6711,  # Q_VV_U
-        12800,  # STRIKE_MIN
-        158329674,  # STRIKE
+        50,  # Q_VV_U
+        175922,  # STRIKE
         107,  # Q_TT
         2000,  # FREEZE_TICKS
         6711,  # P_VV_0
@@ -204,7 +203,6 @@ LEAST = array(
         0,  # GAMMA2
         0,  # Q_VV_H
         0,  # Q_VV_U
-        0,  # STRIKE_MIN
         0,  # STRIKE
         0,  # Q_TT
         0,  # FREEZE_TICKS
@@ -321,7 +319,6 @@ LARGEST = array(
         1073741823,  # GAMMA2
         268435456,  # Q_VV_H
         268435456,  # Q_VV_U
-        40000,  # STRIKE_MIN
         1073741823,  # STRIKE
         1073741823,  # Q_TT
         1073741823,  # FREEZE_TICKS

@@ -24,19 +24,19 @@ EXPECTED = (
     4178069827,  # observe motion
     3228366348,  # summarise
     3943195460,  # classify
-    1135447690,  # grow
-    2629804681,  # shrink
-    1519588808,  # head
-    365266850,  # level
-    1161700397,  # align
-    1978687395,  # settle
-    1874061482,  # roots
-    4063043832,  # ratio
-    3731458100,  # feed_back
-    2372868606,  # observe
-    4149992979,  # adapt
-    595558527,  # weigh
-    2355902164,  # update
-    375200106,  # stood
-    3564591869,  # tick
+    2786186757,  # grow
+    4217961474,  # shrink
+    2836143468,  # head
+    4035120441,  # level
+    1787207059,  # align
+    3648050811,  # settle
+    920689466,  # roots
+    2365879023,  # ratio
+    3703342356,  # feed_back
+    1124364095,  # observe
+    1210805444,  # adapt
+    3519424034,  # weigh
+    369643416,  # update
+    3469690719,  # stood
+    350615888,  # tick
 )
