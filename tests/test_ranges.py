@@ -397,11 +397,13 @@ def test_refer(
     kernels["refer"](bench.s, bench.p, bench.w, bench.t)
 
 
-@given(fields, rates)
-def test_grow(given: Words, rate: float) -> None:
+@given(fields, samples, rates)
+def test_grow(given: Words, counts: tuple[int, ...], rate: float) -> None:
     bench = Bench(given, rate)
+    bench.sample(counts)
+    kernels["condition"](bench.s, bench.p, bench.w, bench.m)
     for _ in range(3):
-        kernels["grow"](bench.s, bench.p)
+        kernels["grow"](bench.s, bench.p, bench.w)
 
 
 @given(fields, axes, integers(0, ONE), integers(-(2**25), 2**25), integers(-(2**26), 2**26))
