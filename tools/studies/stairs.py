@@ -271,7 +271,9 @@ def _noise(floors: Mapping[str, Recording]) -> list[str]:
         _text(
             f"The core has {shipped.strike_noise:g} and {shipped.velocity_noise_up:g}. With the",
             f"recordings drawn anew with replacement κ is from {low:.3f} to {high:.3f} (5 to 95",
-            "%). Mean height for each step of the walks on floors, cm, and share of the distance,",
+            "%). The stairs were in view meanwhile: of what the noise is made, the tails' form and",
+            "after how long a stance it is that of the other axes was chosen among some sixty",
+            "trials. Mean height for each step of the walks on floors, cm, and share of the distance,",
             "%, geometric mean over walks and seeds:",
         ),
         "| noise | " + " | ".join(_SETS) + " | all, RMS | share |",
