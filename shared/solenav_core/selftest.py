@@ -26,13 +26,14 @@ from solenav_core import (
     strapdown,
 )
 from solenav_core.compat import const, micropython, ptr32
-from solenav_core.layout import STATE_FIELDS, WORK_FIELDS, offsets
+from solenav_core.layout import STATE_FIELDS, TABLE_FIELDS, WORK_FIELDS, offsets
 from solenav_core.params import NAMES
 from solenav_core.tables.defaults import PARAMS
 
 _AT = offsets(STATE_FIELDS)
 _RATE = offsets(WORK_FIELDS)["RATE"]
 _WORK = offsets(WORK_FIELDS)
+_TREES = offsets(TABLE_FIELDS)["FOREST"]
 _ROUNDS = 6
 _MAG_NEW = 8
 _LOW = const(0x4E6D)  # of 1103515245: the low 15 bits, and the rest
@@ -344,8 +345,11 @@ def _classify(b):
         for tree in (0, 3):
             b.result(forest.classify(0, 0, b.s, b.t, params, tree))
         b.arrays()
-    # No tree at all.
-    b.result(forest.classify(0, 0, b.s, navigator.new_tables(array("i", (0,))), b.p, 0))
+    # No tree at all; in place, as a board has hardly room for other tables now.
+    trees = b.t[_TREES]
+    b.t[_TREES] = 0
+    b.result(forest.classify(0, 0, b.s, b.t, b.p, 0))
+    b.t[_TREES] = trees
     b.arrays()
 
 
