@@ -241,7 +241,12 @@ def table(words: array[int], about: str) -> str:
         "",
         "FOREST = (",
     ]
-    for at in range(0, len(data), _PER_LINE):
-        escaped = "".join(f"\\x{byte:02x}" for byte in data[at : at + _PER_LINE])
-        lines.append(f'    b"{escaped}"')
-    return "\n".join([*lines, ")", ""])
+    return "\n".join([*lines, *literal(data), ")", ""])
+
+
+def literal(data: bytes) -> list[str]:
+    """The lines of a bytes literal, indented once: what a board loads in the least room."""
+    return [
+        '    b"' + "".join(f"\\x{byte:02x}" for byte in data[at : at + _PER_LINE]) + '"'
+        for at in range(0, len(data), _PER_LINE)
+    ]

@@ -18,9 +18,10 @@ from generated import keep
 from scipy.special import ndtri
 from scipy.stats import qmc
 
+from solenav.forests import literal
+
 TARGET = Path(__file__).resolve().parents[2] / "shared/solenav_core/tables/lookup.py"
 SEED = 2020
-_PER_LINE = 20  # bytes
 
 
 def exp2() -> list[int]:
@@ -54,11 +55,7 @@ def render() -> str:
         '    "i",',
     ]
     data = array("i", exp2() + atan() + gauss()).tobytes()
-    for at in range(0, len(data), _PER_LINE):
-        lines.append(
-            '    b"' + "".join(f"\\x{byte:02x}" for byte in data[at : at + _PER_LINE]) + '"'
-        )
-    return "\n".join([*lines, ")", ""])
+    return "\n".join([*lines, *literal(data), ")", ""])
 
 
 if __name__ == "__main__":

@@ -51,7 +51,6 @@ class Noise(NamedTuple):
     q_h: float
     q_u: float
     strike: float
-    q_stood: float
     long_ticks: int
     step_swing: int
     q_tt: float
@@ -90,7 +89,6 @@ def _noise(walk: Walk) -> Noise:
         q_h=p["Q_VV_H"] / 2**26,
         q_u=p["Q_VV_U"] / 2**26,
         strike=p["STRIKE"] / 2**40,
-        q_stood=p["Q_VV_H"] / 2**26,
         long_ticks=2 * p["ALIGN_TICKS"],
         step_swing=p["STEP_SWING"],
         q_tt=p["Q_TT"] / 2**30,
@@ -318,7 +316,7 @@ def _navigate(
         size = math.sqrt((accel[n] * accel[n]).sum())
         motion.integrate(accel[n], rate, gravity, noise.dt, q, v, p)
         if swing <= noise.freeze:
-            q_u = noise.q_stood if swing == 0 and stood > noise.long_ticks else noise.q_u
+            q_u = noise.q_h if swing == 0 and stood > noise.long_ticks else noise.q_u
             q_u += noise.strike * ((accel[n] - accel[n - 1]) ** 2).sum()
             growth = _grow(noise, q_u, p_vv, p_pv, p_vt, p_pt, p_tt)
         random = _stir(random)
